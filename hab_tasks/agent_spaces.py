@@ -22,7 +22,6 @@ from hab_tasks.errors import OptionError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import action_space
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.raycast.scene import CV_FROM_SAPIEN
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}
@@ -54,7 +53,7 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
         OptionError: The observation space depends on the scene, as with ``pointcloud``.
     """
     env = ENVS[env_id].env
-    control = control_configs(FETCH)[env.known_mode(spec.control_mode)]
+    control = control_configs(env.robot)[env.known_mode(spec.control_mode)]
     obs: Any = _state(env, spec)
     cameras = {} if spec.obs_mode in ("state", "state_dict") else _cameras(env)
     if spec.obs_mode == "state":
@@ -63,7 +62,7 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
         obs |= _images(spec.obs_mode, cameras)
     return AgentSpaces(
         observation=convert_observation_to_space(obs, unbatched=True),
-        action=action_space(FETCH, control.arm, control.base),
+        action=action_space(env.robot, control.arm, control.base),
         cameras=cameras,
     )
 
@@ -72,7 +71,7 @@ def _state(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, Any]]:
     """Returns zeros (1, ...) for the non-empty groups of ``agent`` and ``extra``."""
     groups: dict[str, dict[str, Any]] = {"agent": {}, "extra": {}}
     options = spec.target_frame, spec.handle_position
-    for entry in observed(env.observation, env.handle, FETCH, *options):
+    for entry in observed(env.observation, env.handle, env.robot, *options):
         groups[entry.group][entry.name] = np.zeros((1, *entry.shape), dtype=np.float32)
     return {name: group for name, group in groups.items() if group}
 
@@ -98,11 +97,11 @@ def _images(obs_mode: str, cameras: Mapping[str, CameraParameters]) -> dict[str,
 
 def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
     """Returns the sensor cameras of an environment, in observation order."""
-    names = tuple(name for name in FETCH.cameras if name in env.cameras)
+    names = tuple(name for name in env.robot.cameras if name in env.cameras)
     unmounted: Any = None
     found = {}
-    for config in CameraRig(places=FETCH.cameras, names=names).configs(lambda _: unmounted):
-        place, pinhole = FETCH.cameras[config.uid], pinhole_of(config)
+    for config in CameraRig(places=env.robot.cameras, names=names).configs(lambda _: unmounted):
+        place, pinhole = env.robot.cameras[config.uid], pinhole_of(config)
         (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.centre_px
         link_from_camera = camera_pose(place).to_transformation_matrix().astype(np.float64)
         link_from_camera[:3, :3] = link_from_camera[:3, :3] @ CV_FROM_SAPIEN.T

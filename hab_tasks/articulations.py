@@ -41,6 +41,7 @@ class ArticulationKind:
         opening_region: Start region of the base in episodes of its open skill (S H.2), in the
             frame of the fridge, or of the drawer's link at its position at the start.
         closing_region: The same of its close skill.
+        pulled_m: A hand that has pulled the handle at least so far has opened it.
     """
 
     name: str
@@ -50,6 +51,7 @@ class ArticulationKind:
     closed_at: float
     opening_region: Rectangle
     closing_region: Rectangle
+    pulled_m: float = 0.0
 
     def is_open(self, joint: Floats, share: Floats) -> Bools:
         """Whether joints (...) [m or rad] at shares (...) of their travel are open."""
@@ -71,6 +73,7 @@ FRIDGE = ArticulationKind(
     closed_at=FRIDGE_CLOSED_RAD,
     opening_region=_FRIDGE_REGION,
     closing_region=_FRIDGE_REGION,
+    pulled_m=0.6,
 )
 DRAWER = ArticulationKind(
     name="drawer",
@@ -82,6 +85,7 @@ DRAWER = ArticulationKind(
     # it, Habitat's distance, and closing 0.50 to 0.65 m, from where the closed handle is in reach.
     opening_region=Rectangle(x_m=(1.10, 1.25), y_m=(-0.375, 0.375)),
     closing_region=Rectangle(x_m=(0.80, 0.95), y_m=(-0.375, 0.375)),
+    pulled_m=0.25,
 )
 ARTICULATION_KINDS = {kind.name: kind for kind in (FRIDGE, DRAWER)}
 """Name -> kind."""

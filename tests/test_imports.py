@@ -63,7 +63,7 @@ FOLDERS["hab_tasks"] = ROOT / "hab_tasks"
 
 # The same for hab_spa.
 SPA_ORDER = [
-    {"shapes", "results"},
+    {"shapes"},
     {"planning"},
     {"sensing"},
     {"scenes"},

@@ -87,7 +87,7 @@ class HabEnv(ObservingEnv):
     horizon_steps: ClassVar[int]
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
-    robot: RobotSpec
+    robot: RobotSpec = FETCH
     score_names: ClassVar[tuple[str, ...]] = ()
     _unpaid: tuple[dict[str, Floats], dict[str, Tensor]] = ({}, {})
     _spec: EnvSpec | None = None
@@ -118,7 +118,7 @@ class HabEnv(ObservingEnv):
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        self.robot = _robot(kwargs.pop("robot_uids", None))
+        self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_entries(proprioception, target_frame, handle_position, depth)
@@ -374,9 +374,9 @@ class HabEnv(ObservingEnv):
         rows.set_state(row, kept)
 
 
-def _robot(uids: Any) -> RobotSpec:
+def _robot(uids: Any, default: RobotSpec) -> RobotSpec:
     """Returns the robot of ManiSkill's option, a uid or, in recorded options, a list of one."""
     uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
-    robot = FETCH if uid is None else robot_of(uid)
+    robot = default if uid is None else robot_of(uid)
     agent_class(robot)  # registers it with ManiSkill
     return robot

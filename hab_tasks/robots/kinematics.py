@@ -15,7 +15,6 @@ from hab_tasks.robots.spec import RobotSpec
 _EYE = np.eye(3)
 
 
-@cache
 def _arm_urdf(robot: RobotSpec) -> str:
     """Returns the URDF with revolute instead of continuous arm joints, so that q is 7 angles."""
     text = robot.urdf_path().read_text()
@@ -36,8 +35,9 @@ def _arm_urdf(robot: RobotSpec) -> str:
     return ElementTree.tostring(root, encoding="unicode")
 
 
+@cache
 def arm_model(robot: RobotSpec) -> tuple[pin.Model, int]:
-    """Builds a robot's arm with the other joints locked.
+    """Returns a robot's arm with the other joints locked; built once, do not modify.
 
     Returns:
         A Pinocchio model with the arm's joints in order and its root at base_link, and the id of
@@ -58,15 +58,12 @@ def arm_model(robot: RobotSpec) -> tuple[pin.Model, int]:
     return model, model.addFrame(ee)
 
 
-_shared_arm_model = cache(arm_model)
-
-
 class ArmKinematics:
     """End-effector position and Jacobian of the arm, in the base frame."""
 
     def __init__(self, robot: RobotSpec) -> None:
         self.robot = robot
-        self._model, self._ee = _shared_arm_model(robot)
+        self._model, self._ee = arm_model(robot)
         self.arm_lower_rad = np.array(robot.arm_lower_rad)
         self.arm_upper_rad = np.array(robot.arm_upper_rad)
         self._ee_lower_m, self._ee_upper_m = np.array(robot.ee_lower_m), np.array(robot.ee_upper_m)

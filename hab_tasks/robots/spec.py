@@ -8,6 +8,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import UnknownNameError
 
 Limits = tuple[float, ...]
@@ -84,6 +85,16 @@ class RobotSpec:
     def __deepcopy__(self, memo: object) -> RobotSpec:
         """Returns itself: ManiSkill copies the configurations of its controllers."""
         return self
+
+    @property
+    def base_step_m(self) -> float:
+        """Distance that the base drives in a control step at its maximum speed."""
+        return self.base_linear_speed_m_s / CONTROL_HZ
+
+    @property
+    def base_step_rad(self) -> float:
+        """Angle that it turns in a control step at its maximum speed."""
+        return self.base_angular_speed_rad_s / CONTROL_HZ
 
     def urdf_path(self) -> Path:
         """Returns the URDF of the installed ManiSkill."""

@@ -12,12 +12,7 @@ import numpy as np
 import pytest
 import sapien
 
-from hab_tasks.privileged import (
-    ArticulationState,
-    CollisionBody,
-    CollisionShape,
-    PrivilegedState,
-)
+from hab_tasks.privileged import ArticulationState, CollisionBody, CollisionShape, PrivilegedState
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.scenes import physics
 

@@ -18,6 +18,8 @@ from PIL import Image
 from pyarrow import parquet
 from refusals import refused_by_command
 
+from hab_tasks.robots.fetch import FETCH
+
 PICK = ("--agent", "hab_spa:spa_priv", "--env", "HabPick-v1")
 REPLAY = (sys.executable, "-m", "mani_skill.trajectory.replay_trajectory", "--traj-path")
 
@@ -171,7 +173,7 @@ def made_trajectory(folder, lengths):
 
 def test_pictures_are_kept_and_depth_is_grey(tmp_path):
     made_trajectory(tmp_path, [3])
-    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
+    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot", FETCH)
     frames = frames_of(tmp_path)
 
     def pictures(name):
@@ -186,7 +188,7 @@ def test_pictures_are_kept_and_depth_is_grey(tmp_path):
 def test_episodes_and_files_follow_one_another(tmp_path, monkeypatch):
     monkeypatch.setattr("hab_spa.recording.lerobot_format.FILE_SIZE_MB", 1e-6)
     made_trajectory(tmp_path, [3, 5, 2])
-    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot")
+    write_dataset(tmp_path / "trajectory.h5", tmp_path / "lerobot", FETCH)
     files = sorted((tmp_path / "lerobot/data").rglob("*.parquet"))
     tables = [parquet.read_table(file).to_pydict() for file in files]
     frames = {name: [x for table in tables for x in table[name]] for name in tables[0]}

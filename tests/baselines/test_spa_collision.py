@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.planning.validity import kernel_agreement
-from hab_spa.sensing.octree import octrees
+from hab_spa.sensing.voxels import octrees
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
@@ -39,9 +38,11 @@ def disagreements_m(make_scene):
     scene.add_box("shelf", "static", (0.7, 0.0, 1.25), (0.5, 1.2, 0.03))
     scene.add_box("post", "static", (0.45, 0.45, 0.6), (0.06, 0.06, 1.2))
     scene.scene.timestep = 1e-6
-    collision = ArmCollision(scene.privileged("shelf"), config=CollisionConfig(margin_m=0.0))
+    collision = ArmCollision(FETCH, scene.privileged("shelf"), config=CollisionConfig(margin_m=0.0))
     hits, found_m = 0, []
-    for pose in np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (400, 7)):
+    for pose in np.random.default_rng(0).uniform(
+        FETCH.arm_lower_rad, FETCH.arm_upper_rad, (400, 7)
+    ):
         scene.set_arm(pose)
         hit = physx_hits(scene)
         hits += hit
@@ -65,7 +66,7 @@ def test_agrees_with_physx_on_random_poses(make_scene):
 def test_the_kernel_answers_as_coal_does_near_contact_too(shelf_state):
     cloud_m = np.random.default_rng(0).uniform((0.35, 0.15, 0.85), (0.65, 0.45, 1.15), (400, 3))
     voxels = octrees(np.floor(cloud_m / 0.012) * 0.012 + 0.006, 0.012, cell_m=0.2)
-    model = ArmCollision(shelf_state, obstacles=voxels)
+    model = ArmCollision(FETCH, shelf_state, obstacles=voxels)
     for margin_m in (0.02, 0.0):
         model.set_margin(margin_m)
         poses, different, false_free = kernel_agreement(model, 400, seed=0)
@@ -74,16 +75,16 @@ def test_the_kernel_answers_as_coal_does_near_contact_too(shelf_state):
 
 def test_relax_frees_a_pose_and_only_its_own_pairs(table_scene):
     state = table_scene.privileged("target")
-    collision = ArmCollision(state)
+    collision = ArmCollision(FETCH, state)
     rng = np.random.default_rng(2)
     contacts = []
     while not any("table" in contact.second + contact.first for contact in contacts):
-        pose = rng.uniform(LOWER_RAD, UPPER_RAD)
+        pose = rng.uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad)
         contacts = collision.contacts(pose)
     collision.relax(pose)
     assert collision.is_free(pose)
-    untouched = ArmCollision(state)
-    others = rng.uniform(LOWER_RAD, UPPER_RAD, (200, 7))
+    untouched = ArmCollision(FETCH, state)
+    others = rng.uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad, (200, 7))
     pairs = {contact.pair for contact in contacts}
     for other in others:
         if not {contact.pair for contact in untouched.contacts(other)} <= pairs:
@@ -92,11 +93,11 @@ def test_relax_frees_a_pose_and_only_its_own_pairs(table_scene):
 
 def test_held_object_changes_validity_and_never_collides_with_the_robot(table_scene):
     """A stick 0.5 m below the gripper, as if in its grasp."""
-    empty = ArmCollision(table_scene.privileged("target"))
+    empty = ArmCollision(FETCH, table_scene.privileged("target"))
     ee = table_scene.robot.find_link_by_name("gripper_link").entity_pose.p
     table_scene.add_box("stick", "object", (ee[0], ee[1], ee[2] - 0.2), (0.03, 0.03, 0.3))
-    loaded = ArmCollision(table_scene.privileged("stick", held="stick"), held="stick")
-    poses = np.random.default_rng(3).uniform(LOWER_RAD, UPPER_RAD, (600, 7))
+    loaded = ArmCollision(FETCH, table_scene.privileged("stick", held="stick"), held="stick")
+    poses = np.random.default_rng(3).uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad, (600, 7))
     free_empty = np.array([empty.is_free(pose) for pose in poses])
     free_loaded = np.array([loaded.is_free(pose) for pose in poses])
     assert (free_empty & ~free_loaded).any()

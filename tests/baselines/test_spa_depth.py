@@ -8,12 +8,10 @@ import pytest
 from hab_eval.cli import main
 from hab_spa.motion.follow import FollowConfig, Follower
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
-from hab_spa.sensing.octree import octrees
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.sensing.voxels import VoxelConfig, VoxelMap
+from hab_spa.sensing.voxels import VoxelConfig, VoxelMap, octrees
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH
@@ -70,7 +68,7 @@ def test_an_observation_gives_the_image_and_where_the_robot_is():
             }
         },
     }
-    np.testing.assert_allclose(world_from_base(obs, 0), base, atol=1e-9)
+    np.testing.assert_allclose(world_from_base(FETCH, obs, 0), base, atol=1e-9)
     view = DepthView.read(obs, "head", 0)
     np.testing.assert_array_equal(view.depth_m, ((5.0, np.inf),))
     np.testing.assert_array_equal(view.focal_px, (4.0, 4.0))
@@ -124,9 +122,11 @@ def test_octrees_tell_what_the_true_shapes_tell(table_scene):
     voxels.add(box_from_the_front(centre, half * (1, 1, -1), 0.01))  # the lower side
     config = CollisionConfig(margin_m=0.0)
     obstacles = octrees(voxels.centres_m(), 0.01, cell_m=0.2)
-    seen = ArmCollision(replace(state, world_from_body=bare), config=config, obstacles=obstacles)
-    true = ArmCollision(replace(state, world_from_body=only), config=config)
-    poses = np.random.default_rng(1).uniform(LOWER_RAD, UPPER_RAD, (600, 7))
+    seen = ArmCollision(
+        FETCH, replace(state, world_from_body=bare), config=config, obstacles=obstacles
+    )
+    true = ArmCollision(FETCH, replace(state, world_from_body=only), config=config)
+    poses = np.random.default_rng(1).uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad, (600, 7))
     differ = [pose for pose in poses if seen.is_free(pose) != true.is_free(pose)]
     hits = sum(not true.is_free(pose) for pose in poses)
     assert 100 < hits < 500

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer_lines import HandleLines, LineConfig
+
+from hab_tasks.robots.fetch import FETCH
 
 # The tray's handle is 3 cm before its front, which is 0.62 m ahead of the robot; the drawer
 # opens towards the robot, by up to 0.2 m.
@@ -23,7 +24,7 @@ def tray(make_scene, drawer_at):
     made.add_box("tray", "furniture", TRAY_M, TRAY_SIZE_M)
     made.add_box("content", "object", (0.80, 0.0, 0.88), (0.04, 0.04, 0.04))
     made.add_box("beside", "object", (0.80, 0.4, 0.88), (0.04, 0.04, 0.04))
-    scene, articulation = TrueScene(), drawer_at("tray", HANDLE_M, 0.2)
+    scene, articulation = TrueScene(FETCH), drawer_at("tray", HANDLE_M, 0.2)
     state = replace(made.privileged("content"), articulations=(articulation,))
     scene.see({"privileged": [state]}, 0)
     return scene
@@ -39,13 +40,13 @@ def shifted(state, offset_m):
 
 def test_a_moved_body_takes_along_what_lies_in_it(tray):
     config = CollisionConfig(margin_m=0.0)
-    model = ArmCollision(tray.state, config=config)
+    model = ArmCollision(FETCH, tray.state, config=config)
     motion = np.eye(4)
     motion[0, 3] = -0.2
-    poses = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (400, 7))
+    poses = np.random.default_rng(0).uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad, (400, 7))
     before = [model.is_free(pose) for pose in poses]
     assert model.move("tray", motion)
-    expected = ArmCollision(shifted(tray.state, -0.2), config=config)
+    expected = ArmCollision(FETCH, shifted(tray.state, -0.2), config=config)
     after = [model.is_free(pose) for pose in poses]
     assert after == [expected.is_free(pose) for pose in poses]
     assert after != before
@@ -71,6 +72,6 @@ def test_lines_take_the_handle_all_the_way_clear_of_the_drawer_and_depend_on_the
             arm_from_world = tray.collision().arm_from_world
             wanted_m = arm_from_world[:3, :3] @ wanted_m + arm_from_world[:3, 3]
             assert np.linalg.norm(hand_m - wanted_m) < 0.005
-            model = ArmCollision(shifted(tray.state, -0.02 * step))
+            model = ArmCollision(FETCH, shifted(tray.state, -0.02 * step))
             model.set_margin(0.0)
             assert model.is_free(pose)

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from hab_plans.motion import RELEASE
 from hab_spa import Failure
-from hab_spa.motion.follow import FollowConfig, Follower
+from hab_spa.motion.follow import FollowConfig, Follower, TimingConfig, time_path
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.planning.path import TimingConfig, time_path
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.pick import pick
 
@@ -50,7 +49,7 @@ def test_arm_that_does_not_move_is_an_execution_failure_after_planning_again(
     table_scene, monkeypatch
 ):
     state = table_scene.privileged("target")
-    scene, stages = TrueScene(), []
+    scene, stages = TrueScene(FETCH), []
     scene.see({"privileged": [state]}, 0)
     robot = Robot(scene, SpaConfig(), seed=0, deadline=STEPS)
     monkeypatch.setattr(robot, "spend", lambda stage, _seconds: stages.append(stage))

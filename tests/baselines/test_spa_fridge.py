@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
-from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.skills.fridge.config import FridgeConfig, pull_of
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.maneuver import base_maneuvers
 
 from hab_tasks.privileged import ArticulationState
+from hab_tasks.robots.fetch import FETCH
 
 
 def door_at(joint: float) -> ArticulationState:
@@ -68,7 +68,7 @@ def test_a_pull_tells_when_the_door_is_far_enough():
 
 def test_shunts_end_at_the_goal_in_every_way():
     base, goal = np.array((1.0, 0.0, 0.0)), np.array((0.0, 0.0, math.pi / 2))
-    found = base_maneuvers(base, goal)
+    found = base_maneuvers(FETCH, base, goal)
     assert len(found) == 8
     for maneuver in found:
         end = maneuver.poses()[-1]
@@ -76,4 +76,5 @@ def test_shunts_end_at_the_goal_in_every_way():
         assert math.isclose(math.remainder(end[2] - goal[2], math.tau), 0.0, abs_tol=1e-9)
     # The quickest goes one metre back and turns left by a quarter.
     assert found[0].length_m == pytest.approx(-1.0)
-    assert found[0].steps == pytest.approx(1.0 / STEP_M + math.pi / 2 / STEP_RAD + 12.0)
+    turn_steps = math.pi / 2 / FETCH.base_step_rad
+    assert found[0].steps == pytest.approx(1.0 / FETCH.base_step_m + turn_steps + 12.0)

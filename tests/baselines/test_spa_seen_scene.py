@@ -38,7 +38,7 @@ def observation(wall_m):
 @pytest.fixture
 def scene():
     """A robot at the origin that sees nothing within 10 m."""
-    scene = SeenScene(SeenConfig(watch_steps=1))
+    scene = SeenScene(FETCH, SeenConfig(watch_steps=1))
     scene.see(observation(wall_m=10.0), 0)
     scene.collision()
     return scene
@@ -47,7 +47,7 @@ def scene():
 def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
     path = np.linspace(REST, ASIDE, 20)
     assert not scene.in_the_way(path)
-    hand_m = BatchArm().ee_pose(ASIDE)[:3, 3]
+    hand_m = BatchArm(FETCH).ee_pose(ASIDE)[:3, 3]
     # How far ahead of the head's camera the hand will be: a wall there is where it goes.
     camera = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
     ahead_m = float(camera[:3, 0] @ (hand_m - camera[:3, 3]))

@@ -12,16 +12,16 @@ from hab_plans.problem import task_of
 from hab_plans.protocols import BasePose, NavigationRequest
 from hab_plans.stage import stage_of
 from hab_spa.agents.agent import driven
-from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.drive import DriveConfig, angle, drive_to
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_spa.motion.wheels import angle
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of, observation
-from hab_spa.tasks.standing import TUCKED_QPOS_RAD, fold
+from hab_spa.tasks.planned_skills import TUCKED_QPOS_RAD, fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.sensors import POINT
+from hab_tasks.robots.fetch import FETCH
 
 
 def test_angle_is_the_shorter_turn():
@@ -37,7 +37,7 @@ def started(make):
     def start(env_id, mode, index=0):
         env = make(env_id, control_mode=mode, obs_mode="state_dict")
         obs, _ = env.reset(options={"episode": index})
-        scene = TrueScene()
+        scene = TrueScene(FETCH)
         seen = {**obs, "privileged": env.unwrapped.privileged()}
         scene.see(seen, 0)
         robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
@@ -92,7 +92,7 @@ def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
     goal = np.array((x, y, 1.0))
 
     def entries(command):
-        pose = driven(robot.base, *command.base)
+        pose = driven(FETCH, robot.base, *command.base)
         return np.concatenate((command.arm_rad, [command.gripper], pose))
 
     assert run(OracleNavigator().go(robot, request_to(robot, None)), None) is Failure.TARGET_PLAN

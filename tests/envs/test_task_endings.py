@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 import torch
 from hab_plans import plan_of, problem_of
-from hab_plans.belief import believed
-from hab_plans.observe import observed, start_from
+from hab_plans.belief import believed, observed, start_from
 from hab_plans.problem import atoms_of
 from hab_plans.solve import solve
 from hab_spa.scenes.true_scene import TrueScene
@@ -13,6 +12,7 @@ from playing import ee_grip, held, move_base, move_joint, put, slow, still
 
 from hab_tasks.constants import REST_STEPS
 from hab_tasks.envs import ENVS
+from hab_tasks.robots.fetch import FETCH
 
 TASKS = [e for e in ENVS if hasattr(ENVS[e].env, "task")]
 
@@ -139,7 +139,7 @@ def test_predicates_follow_the_stages_and_planning_goes_on_from_them(make, env_i
         satisfy(env, condition, before)
         assert atoms_of(task.spec, condition) <= observed(base), name
         # What a planner believes that sees the true state is what success asks.
-        scene = TrueScene()
+        scene = TrueScene(FETCH)
         scene.see({"privileged": base.privileged()}, 0)
         assert believed(task, scene) == observed(base), name
         # Each stage takes two actions, to drive there and to do it.

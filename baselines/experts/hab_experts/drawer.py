@@ -8,13 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hab_experts.handle import (
-    hand_of,
-    handle_at,
-    in_base,
-    to_handle,
-    to_rest,
-)
+from hab_experts.handle import hand_of, handle_at, in_base, to_handle, to_rest
 from hab_tasks.articulations import DRAWER_CLOSED_M, DRAWER_OPEN_SHARE
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.privileged import Array, ArticulationState

@@ -14,6 +14,7 @@ from torch import Tensor
 from hab_navigator.navigator import REPEAT, Navigator, Stops
 from hab_navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
+from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
@@ -88,7 +89,8 @@ class NavigatorAgent:
         return [AgentReport() for _ in self._rows]
 
     def _new(self) -> Navigator:
-        return Navigator(self._network, self._device, self._stops)
+        robot = ENVS[NAVIGATE_ID].env.robot
+        return Navigator(robot, self._network, self._device, self._stops)
 
 
 def make_agent(setup: AgentSetup, stops: Stops = "often") -> NavigatorAgent:

@@ -1,4 +1,7 @@
-"""What the robot believes of the goal pose: the network's distribution but for what was tried."""
+"""What the robot believes of the goal pose: the network's distribution but for what was tried.
+
+For a hand that comes level, what has been seen around the point tells from where it can come.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +13,63 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hab_navigator.near_space import SIDES
 from hab_navigator.network import ASIDE_RAD, HEADINGS
 from hab_navigator.robot_map import CELL_M, RobotMap
 from hab_navigator.views import SIDE, middle_m
 from hab_tasks.privileged import Array
+
+VOXEL_M = 0.04
+SIDE_VOXELS, HIGH_VOXELS = 48, 50
+"""Horizontal and vertical numbers of voxels: 1.9 m around the point, and 2 m from the floor."""
+
+SIDES = 24
+"""Number of level directions from which the hand may come."""
+
+RISE_M = 0.06
+"""The hand's way is a level line this far above the point."""
+
+WAY_M = (0.15, 0.65)
+"""Part of the way that counts, by distance from the point; nearer is the object itself."""
+
+
+class NearSpace:
+    """Surfaces around a point (3,), in a map's frame."""
+
+    def __init__(self, point_m: Array) -> None:
+        """Has seen nothing yet."""
+        self._point_m = np.asarray(point_m, dtype=float)
+        self._low_m = np.append(self._point_m[:2] - VOXEL_M * SIDE_VOXELS / 2, 0.0)
+        self._seen = np.zeros((SIDE_VOXELS, SIDE_VOXELS, HIGH_VOXELS), dtype=bool)
+
+    def add(self, points_m: NDArray[np.floating]) -> None:
+        """Adds surface points (P, 3)."""
+        cells = np.floor((points_m - self._low_m) / VOXEL_M).astype(np.intp)
+        inside = ((cells >= 0) & (cells < self._seen.shape)).all(axis=1)
+        self._seen[tuple(cells[inside].T)] = True
+
+    def clearances_m(self) -> Array:
+        """Returns how near the hand's way from each side (SIDES,) comes to what has been seen.
+
+        Side k is at the angle ``2 pi k / SIDES`` from the point.
+        """
+        if not self._seen.any():
+            return np.full(SIDES, np.inf)
+        gaps_m: Array = VOXEL_M * np.asarray(ndimage.distance_transform_edt(~self._seen))
+        cells = np.floor((_WAYS_M + self._point_m - self._low_m) / VOXEL_M).astype(np.intp)
+        cells = np.clip(cells, 0, np.array(self._seen.shape) - 1)
+        return gaps_m[tuple(np.moveaxis(cells, -1, 0))].min(axis=1)
+
+
+def _ways() -> Array:
+    """Returns points (SIDES, P, 3) on the hand's ways, relative to the point."""
+    along_m = np.arange(WAY_M[0], WAY_M[1], VOXEL_M)
+    angles_rad = 2 * math.pi * np.arange(SIDES) / SIDES
+    x, y = (along_m * turn(angles_rad)[:, None] for turn in (np.cos, np.sin))
+    return np.stack((x, y, np.full_like(x, RISE_M)), axis=-1)
+
+
+_WAYS_M = _ways()
+
 
 FOUND_M = (0.15, 0.35)
 """A stop at a place finds all goals within the first distance, and none beyond the second:
@@ -81,7 +136,9 @@ class GoalBelief:
         self._shares = np.zeros((HEADINGS, SIDE, SIDE))
         bearings_rad: Array = np.zeros(self.yaws_rad.shape) - ASIDE_RAD * _BINS[:, None, None]
         distances_m = np.linalg.norm(gaps_m, axis=-1)
-        self._reach, self._suits = reach, np.ones_like(self._shares)
+        # Navigate would have ended at a right stop; a skill can fail where another try succeeds.
+        self._tried_share = 1.0 if reach is None else TRIED_SHARE
+        self._suits = np.ones_like(self._shares)
         if reach is not None:
             self._suits[:] = reach.includes(distances_m, bearings_rad)
         sides = np.round(np.arctan2(-gaps_m[..., 1], -gaps_m[..., 0]) / (2 * math.pi) * SIDES)
@@ -102,8 +159,7 @@ class GoalBelief:
         """Excludes the goals that a stop in a pose (3,) would have found."""
         near = _share(np.linalg.norm(self.places_m - pose[:2], axis=-1), EXCLUDED_M)
         turns_rad = np.angle(np.exp(1j * (self.yaws_rad - pose[2])))
-        tried = near * _covered_share(turns_rad)
-        self._left *= 1.0 - TRIED_SHARE * tried if self._reach is not None else 1.0 - tried
+        self._left *= 1.0 - self._tried_share * (near * _covered_share(turns_rad))
 
     def forgive(self) -> None:
         """Takes all exclusions back."""

@@ -1,4 +1,4 @@
-"""Lessons of the goal network: views of the map on the way, and where the goal was."""
+"""Lessons of the goal network, views of the map and where the goal was, and the fit to them."""
 
 from __future__ import annotations
 
@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import torch
-from torch import Tensor
+from hab_ppo.layers import half_precision
+from torch import Tensor, nn
+from torch.nn.functional import cross_entropy
 
 from hab_navigator.navigator import Navigator
-from hab_navigator.network import ASIDE_RAD, HEADINGS
+from hab_navigator.network import ASIDE_RAD, HEADINGS, GoalNetwork
 from hab_navigator.robot_map import CELL_M, RobotMap
-from hab_navigator.views import SIDE, View, middle_m
+from hab_navigator.views import SIDE, View, inputs, middle_m
 from hab_tasks.privileged import Array
 
 
@@ -82,3 +84,64 @@ def turned_goals(goals: Tensor, angles_rad: Tensor, flips: Tensor) -> Tensor:
     y = sine * goals[:, 0] + cosine * goals[:, 1]
     sign = torch.where(flips, -1.0, 1.0)
     return torch.stack((x, sign * y, sign * goals[:, 2]), dim=1)
+
+
+BATCH = 128
+LEARNING_RATE = 2e-3
+WEIGHT_DECAY = 1e-4
+
+
+def fit(network: GoalNetwork, lessons: Lessons, epochs: int, seed: int) -> float:
+    """Fits a network, on its device; every lesson is turned and mirrored anew in each epoch.
+
+    Returns:
+        The mean cross-entropy [nat] of the last epoch.
+    """
+    device = next(network.parameters()).device
+    lessons = lessons.to(device)
+    count = len(lessons.goals)
+    generator = torch.Generator().manual_seed(seed)
+    optimizer = torch.optim.AdamW(network.parameters(), LEARNING_RATE, weight_decay=WEIGHT_DECAY)
+    steps = epochs * math.ceil(count / BATCH)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, LEARNING_RATE, total_steps=steps)
+    network.train()
+    total = torch.zeros((), device=device)
+    for _ in range(epochs):
+        total.zero_()
+        for numbers in torch.randperm(count, generator=generator).split(BATCH):
+            angles = 2 * math.pi * torch.rand(len(numbers), generator=generator)
+            flips = torch.rand(len(numbers), generator=generator) < 0.5
+            batch = lessons.chosen(numbers.to(device))
+            loss = _loss(network, batch, angles.to(device), flips.to(device))
+            optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(network.parameters(), 1.0)
+            optimizer.step()
+            schedule.step()
+            total += len(numbers) * loss.detach()
+    network.eval()
+    return float(total) / count
+
+
+@torch.no_grad()
+def misfit(network: GoalNetwork, lessons: Lessons) -> float:
+    """Returns the mean cross-entropy [nat] of lessons as they are."""
+    device = next(network.parameters()).device
+    total, count = 0.0, len(lessons.goals)
+    for numbers in torch.arange(count).split(BATCH):
+        loss = _loss(network, lessons.chosen(numbers).to(device), None, None)
+        total += len(numbers) * float(loss)
+    return total / count
+
+
+def _loss(
+    network: GoalNetwork, batch: Lessons, angles_rad: Tensor | None, flips: Tensor | None
+) -> Tensor:
+    seen, goals = inputs(batch.view, angles_rad, flips), batch.goals
+    if angles_rad is not None and flips is not None:
+        goals = turned_goals(goals, angles_rad, flips)
+    with half_precision(seen.device):
+        logits = network(seen.contiguous(memory_format=torch.channels_last))
+    losses = cross_entropy(logits.flatten(1), goal_bins(goals), reduction="none")
+    # A goal farther from the point than the network believes in has no finite loss.
+    return losses[losses.isfinite()].mean()

@@ -12,13 +12,14 @@ from typing import Any, Literal
 import numpy as np
 import torch
 
-from hab_navigator.belief import GoalBelief, Reach
+from hab_navigator.belief import GoalBelief, NearSpace, Reach
 from hab_navigator.network import GoalNetwork
 from hab_navigator.robot_map import RobotMap, turned
 from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import View, inputs
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import STOP_CELL
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import ShortestPathFollower
 
 REPEAT = 4
@@ -73,6 +74,7 @@ class Navigator:
 
     def __init__(
         self,
+        robot: RobotSpec,
         network: GoalNetwork,
         device: torch.device | str = "cpu",
         stops: Stops = "often",
@@ -82,17 +84,19 @@ class Navigator:
         """Starts on the way to a point.
 
         Args:
+            robot: The robot.
             network: The network.
             device: Its device.
             stops: When to stop.
             map_: Map of earlier ways, if there is one; then the base pose must be known.
             reach: Where the skill that follows can start; None for any pose.
         """
-        self.map = RobotMap(REPEAT) if map_ is None else map_
+        self.map = RobotMap(robot, REPEAT) if map_ is None else map_
         self.map.forget_point()
         self.aim: Array | None = None
         self._network, self._device, self._stops = network, device, stops
         self._reach = reach
+        self._near: NearSpace | None = None  # for a hand that comes level only
         self._belief: GoalBelief | None = None
         self._worth, self._here = 0.0, 0.0  # of the aim; share of goals found by a stop here
         self._age, self._stopped = 0, False
@@ -108,7 +112,11 @@ class Navigator:
             holding: Whether the hand holds something.
             base: (3,) pose of the base, if it is known; see `RobotMap.look`.
         """
-        self.map.look(depth, point_in_base_m, base)
+        seen_m = self.map.look(depth, point_in_base_m, base)
+        if self._reach is not None and self._reach.level:
+            if self._near is None:
+                self._near = NearSpace(np.append(self.map.point_m, point_in_base_m[2]))
+            self._near.add(seen_m)
         floor = self._floor()
         if self._belief is None:
             self._belief = GoalBelief(self.map, self._reach)
@@ -150,8 +158,8 @@ class Navigator:
             return
         if looks:
             belief.learn(self._distribution(view))
-            if self._reach is not None and self._reach.level and self.map.near is not None:
-                belief.see(self.map.near.clearances_m())
+            if self._near is not None:
+                belief.see(self._near.clearances_m())
         before, self.aim = self.aim, self._best(belief, floor)
         if before is None or np.linalg.norm(self.aim[:2] - before[:2]) > SAME_M:
             self._age = 0

@@ -18,6 +18,7 @@ from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
 from hab_navigator.network import GoalNetwork
 from hab_navigator.weights import load
 from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
+from hab_tasks.envs import ENVS
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
 from hab_tasks.vector.episode_rows import VectorRows
@@ -75,7 +76,7 @@ class _Row:
     """An episode that is being played."""
 
     def __init__(self, network: GoalNetwork, episode: Any) -> None:
-        self.navigator, self.episode = Navigator(network), episode
+        self.navigator, self.episode = Navigator(ENVS[NAVIGATE_ID].env.robot, network), episode
         self.actions = 0
         start, goal = np.array(episode.robot.base), np.array(episode.navigation.base)
         self.goal = goal_in_map(start, goal)

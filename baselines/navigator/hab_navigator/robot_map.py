@@ -3,7 +3,7 @@
 Nothing is learned here. Only what a policy observes and does enters: depth images, the point to go
 to, and its own actions. These give the robot's turns; its position follows from the point, which
 does not move. A base that touches something turns by less or more than it wants to; how far, the
-image tells (`scan_matching`). In a task, whose observation has several points that do not move, the
+image tells (`match_shares`). In a task, whose observation has several points that do not move, the
 pose of the base is known.
 """
 
@@ -14,14 +14,61 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from hab_navigator.near_space import NearSpace
-from hab_navigator.scan_matching import NEAR_M, OBSTACLE_M, match_shares
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CONTROL_HZ
 from hab_tasks.privileged import Array
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.control_modes import BASE_CELLS
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import CameraPlace, RobotSpec
+
+OBSTACLE_M = 0.15
+"""Height from which a surface counts as an obstacle."""
+
+NEAR_M = 6.0
+"""Farther surfaces are not matched."""
+
+MOST_POINTS = 600
+LEAST_POINTS = 50
+"""With fewer points nothing is matched."""
+
+BLUR_CELLS = 1.0
+"""Standard deviation of the blur of the map's obstacles."""
+
+AROUND_CELLS = 70
+"""The map is matched so far around the base; no cell beyond is needed for `NEAR_M`."""
+
+
+def match_shares(
+    obstacles: NDArray[np.bool_],
+    points_m: Array,
+    poses: Array,
+    here: NDArray[np.intp],
+    cell_m: float,
+) -> Array:
+    """Returns how well points fit the map's obstacles from each pose, (K,) shares.
+
+    Args:
+        obstacles: (C, C) cells with obstacles; the map's origin is in the middle.
+        points_m: (P, 2) obstacles that are seen, in the base frame.
+        poses: (K, 3) candidates, x, y [m] and yaw [rad].
+        here: (2,) the cell of the base, roughly.
+        cell_m: Side of a cell.
+    """
+    if len(points_m) < LEAST_POINTS:
+        return np.zeros(len(poses))
+    points_m = points_m[:: 1 + len(points_m) // MOST_POINTS]
+    first = np.maximum(here - AROUND_CELLS, 0)
+    last = here + AROUND_CELLS
+    near = obstacles[first[0] : last[0], first[1] : last[1]].astype(np.float32)
+    blurred = ndimage.gaussian_filter(near, BLUR_CELLS)
+    cosine, sine = np.cos(poses[:, 2, None]), np.sin(poses[:, 2, None])
+    x = poses[:, 0, None] + cosine * points_m[:, 0] - sine * points_m[:, 1]
+    y = poses[:, 1, None] + sine * points_m[:, 0] + cosine * points_m[:, 1]
+    cells = np.stack((x.ravel(), y.ravel())) / cell_m + len(obstacles) // 2 - 0.5
+    found = ndimage.map_coordinates(blurred, cells - first[:, None], order=1, mode="constant")
+    return found.reshape(x.shape).mean(axis=1)
+
 
 Bytes = NDArray[np.uint8]
 
@@ -64,16 +111,15 @@ class RobotMap:
         point_m: (2,) the point to go to.
         tops: (C, C) height of what is in each cell, in 1/255 of `HIGHEST_M`.
         seen: (C, C) what is known of each cell.
-        near: The space around the point.
     """
 
-    def __init__(self, repeat: int) -> None:
-        """Creates an empty map for actions that are executed `repeat` times."""
-        self._turn_rad = FETCH.base_angular_speed_rad_s * repeat / CONTROL_HZ
-        self._ahead_m = FETCH.base_linear_speed_m_s * repeat / CONTROL_HZ
+    def __init__(self, robot: RobotSpec, repeat: int) -> None:
+        """Creates an empty map for actions that a robot executes `repeat` times."""
+        self._camera = robot.cameras["head"]
+        self._turn_rad = robot.base_angular_speed_rad_s * repeat / CONTROL_HZ
+        self._ahead_m = robot.base_linear_speed_m_s * repeat / CONTROL_HZ
         self._wanted, self._has_point = np.zeros(2), False  # m ahead and rad
         self._origin: Array | None = None
-        self.near: NearSpace | None = None
         self.pose, self.point_m = np.zeros(3), np.zeros(2)
         self.tops: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
         self.seen: Bytes = np.zeros((CELLS, CELLS), dtype=np.uint8)
@@ -86,8 +132,8 @@ class RobotMap:
         """Takes the point of the next look as the one to go to."""
         self._has_point = False
 
-    def look(self, depth: Array, point_in_base_m: Array, base: Array | None = None) -> None:
-        """Draws what is seen.
+    def look(self, depth: Array, point_in_base_m: Array, base: Array | None = None) -> Array:
+        """Draws what is seen; returns its points (P, 3) in the map's frame.
 
         Args:
             depth: (H, W, 1) depth image of the head camera as shares of its range.
@@ -95,7 +141,7 @@ class RobotMap:
             base: (3,) x, y [m] and yaw [rad] of the base in any frame that stays the same; None if
                 it is not known. Needed to look for another point than at first.
         """
-        points_m, distances_m = surfaces(np.asarray(depth), RAYS_PX)
+        points_m, distances_m = surfaces(np.asarray(depth), self._camera, RAYS_PX)
         point_m = np.asarray(point_in_base_m[:2], dtype=float)
         if base is not None:
             self._stand(base)
@@ -104,12 +150,9 @@ class RobotMap:
             self._move(point_m, points_m[matched, :2])
         if not self._has_point:
             self._has_point, self.point_m = True, self.pose[:2] + turned(point_m, self.pose[2])
-            self.near = NearSpace(np.append(self.point_m, point_in_base_m[2]))
         self._wanted = np.zeros(2)
         is_floor = points_m[:, 2] < FLOOR_M + FLOOR_RISE * distances_m
         points_m[:, :2] = turned(points_m[:, :2], self.pose[2]) + self.pose[:2]
-        assert self.near is not None
-        self.near.add(points_m)
         cells = cells_of(points_m[:, :2])
         heights = np.where(is_floor, 0.0, 255.0 * points_m[:, 2] / HIGHEST_M)
         flat = cells[:, 0] * CELLS + cells[:, 1]
@@ -117,6 +160,7 @@ class RobotMap:
         seen = self.seen.reshape(-1)
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
+        return points_m
 
     def _stand(self, base: Array) -> None:
         """Sets the pose; the first one is the origin of the map."""
@@ -170,17 +214,19 @@ def cells_of(points_m: NDArray[Any]) -> NDArray[np.intp]:
     return np.clip(cells, 0, CELLS - 1)
 
 
-def surfaces(depth: Array, rays_px: int) -> tuple[Array, Array]:
+def surfaces(depth: Array, camera: CameraPlace, rays_px: int) -> tuple[Array, Array]:
     """Returns the surfaces in an image (P, 3) in the base frame, and their depths (P,) [m].
 
     Args:
         depth: (H, W, 1) depth image of the head camera as shares of its range.
+        camera: That camera.
         rays_px: Rows and columns of the image that are used.
     """
     stride = depth.shape[0] // rays_px
     first = stride // 2
     distances_m = CAMERA_DEPTH_MAX_M * depth[first::stride, first::stride, 0]
-    in_base_m = distances_m[..., None] * _rays(rays_px) + _CAMERA_M
+    camera_m = np.array(camera.position_m, dtype=np.float32)
+    in_base_m = distances_m[..., None] * _rays(camera, rays_px) + camera_m
     # 0 where nothing is seen within the range.
     kept = (distances_m > 0.0) & (distances_m < 0.99 * CAMERA_DEPTH_MAX_M)
     kept &= in_base_m[..., 2] < HIGHEST_M
@@ -192,13 +238,10 @@ def surfaces(depth: Array, rays_px: int) -> tuple[Array, Array]:
 
 
 @cache
-def _rays(rays_px: int) -> Array:
+def _rays(camera: CameraPlace, rays_px: int) -> Array:
     """Returns the rays through the pixels (P, P, 3) in the base frame; x forward, y left."""
     slopes = np.tan(CAMERA_HFOV_RAD / 2) * (2 * (np.arange(rays_px) + 0.5) / rays_px - 1)
     right, down = np.meshgrid(slopes, slopes)
     in_camera = np.stack((np.ones_like(right), -right, -down), axis=-1)  # SAPIEN's axes
-    rotation = camera_pose(FETCH.cameras["head"]).to_transformation_matrix()[:3, :3]
+    rotation = camera_pose(camera).to_transformation_matrix()[:3, :3]
     return (in_camera @ rotation.T).astype(float)
-
-
-_CAMERA_M = np.array(FETCH.cameras["head"].position_m, dtype=np.float32)

@@ -10,15 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hab_navigator.robot_map import (
-    CELL_M,
-    CELLS,
-    FLOOR_M,
-    HIGHEST_M,
-    VISITED,
-    RobotMap,
-    cells_of,
-)
+from hab_navigator.robot_map import CELL_M, CELLS, FLOOR_M, HIGHEST_M, VISITED, RobotMap, cells_of
 from hab_tasks.privileged import Array
 
 MARGIN_CELLS = 12

@@ -18,8 +18,7 @@ from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 
 from hab_navigator.command import NavigatorCommand
-from hab_navigator.fitting import fit, misfit
-from hab_navigator.lessons import Lessons
+from hab_navigator.lessons import Lessons, fit, misfit
 from hab_navigator.network import GoalNetwork
 from hab_navigator.practice import Played, PracticePlan, practise
 from hab_navigator.weights import KIND, WEIGHTS, load, save

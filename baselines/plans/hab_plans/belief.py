@@ -1,4 +1,7 @@
-"""What a robot believes of the world, as atoms of the planning domain."""
+"""Atoms of the planning domain: what a robot believes, and what the simulator says.
+
+The simulator's are read by the functions that define a task's success.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +9,13 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from hab_plans.problem import Atom, atoms_of
+from hab_plans.problem import ROOM, Atom, atoms_of, problem_of
 from hab_plans.stage import Stage
 from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
 from hab_tasks.privileged import Array, ArticulationState
 from hab_tasks.tasks.base import Condition, Task
+from hab_tasks.tasks.task_env import TaskEnv
 
 Opening = Literal["open", "closed", "ajar"]
 """What stands ajar is neither open nor closed, so that a goal to close it remains to be done."""
@@ -87,3 +91,51 @@ def known_opening(scene: Scene, number: int, kind: ArticulationKind) -> Opening:
 
 def _at_goal(scene: Scene, number: int) -> bool:
     return bool(np.linalg.norm(scene.object_m(number) - scene.goal_m(number)) < PLACE_RADIUS_M)
+
+
+def observed(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
+    """Returns the current atoms: held, placed, open and closed.
+
+    A partly open door is neither open nor closed.
+
+    Args:
+        env: A task's environment, unwrapped.
+        row: Batch row.
+    """
+    objects, articulations = range(env.task.objects), range(len(env.task.articulations))
+    conditions = (
+        *(Condition(held=(k,)) for k in objects),
+        *(Condition(placed=(k,)) for k in objects),
+        *(Condition(opened=(j,)) for j in articulations),
+        *(Condition(closed=(j,)) for j in articulations),
+    )
+    true = [atoms_of(env.task.spec, c) for c in conditions if bool(env.holds(c)[row])]
+    return frozenset().union(*true)
+
+
+def start_from(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
+    """Returns the initial state for replanning: observed and static atoms.
+
+    Args:
+        env: A task's environment, unwrapped.
+        row: Batch row.
+    """
+    return start_given(env.default_id(), observed(env, row))
+
+
+def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
+    """Returns a task's initial state in which these atoms hold: held, placed, open and closed.
+
+    The robot is at no pose, so that the plan starts with navigation.
+
+    Raises:
+        PlannerError: Not the id of a task.
+    """
+    problem = problem_of(env_id)
+    changing = {"at", "placed", "holding", "hand-empty", "is-open", "is-closed"}
+    # The room is a container that is always open; doors and drawers are as seen.
+    kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", ROOM)}
+    # Conditions say only where an object is (`at`); the domain's `placed` follows.
+    placed = {("placed", atom[1]) for atom in seen if atom[0] == "at"}
+    empty = set() if any(atom[0] == "holding" for atom in seen) else {("hand-empty",)}
+    return frozenset(kept | seen | placed | empty)

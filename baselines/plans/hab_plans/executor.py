@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Generic
 
-from hab_plans.belief import achieved
+from hab_plans.belief import achieved, start_given
 from hab_plans.errors import NoPlanError
 from hab_plans.motion import Failure, Motion
 from hab_plans.motion_log import MotionLog, R
-from hab_plans.observe import start_given
 from hab_plans.plan import Action, Plan, plan_of
 from hab_plans.problem import Atom, problem_of
 from hab_plans.protocols import BasePose, NavigationRequest, SkillProvider, Team
@@ -139,6 +138,7 @@ class Executor(Generic[R]):
             failure = self._judged(stage, failure)
             if failure is None:
                 break
+            # What is reported if the episode ends before the plan does.
             log.robot.failure = failure
             # Another attempt would start from what the stage was not planned for.
             if self._watched() != before:

@@ -51,6 +51,7 @@ class MotionLog(Generic[R]):
         entry = {"step": robot.steps, "action": self.label, "did": what, **facts}
         if self.believes:
             entry["believed"] = [" ".join(atom) for atom in sorted(self.believed())]
+        # Before the motion, so that the trace of an episode that ends within it has it.
         robot.trace.append(entry)
         failure = yield from self._until(motion, robot.deadline)
         entry["steps"] = robot.steps - entry["step"]
@@ -66,6 +67,7 @@ class MotionLog(Generic[R]):
                 command = next(motion)
             except StopIteration as end:
                 return end.value
+            # A motion that has not changed its text since the last step has the label already.
             robot.doing = f"{self.label}: {robot.doing.rsplit(': ', 1)[-1]}"
             yield command
         motion.close()

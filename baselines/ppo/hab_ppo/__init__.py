@@ -18,15 +18,7 @@ if TYPE_CHECKING:
     from hab_ppo.agent import PolicyAgent
     from hab_tasks.agent import AgentSetup
 
-__all__ = [
-    "FAST",
-    "PAPER",
-    "EnvConfig",
-    "NetworkConfig",
-    "PPOConfig",
-    "Preset",
-    "Recipe",
-]
+__all__ = ["FAST", "PAPER", "EnvConfig", "NetworkConfig", "PPOConfig", "Preset", "Recipe"]
 
 POLICY = "policy"
 """The agent of weights of your own: ``hab_ppo:policy`` with the option ``weights``."""

@@ -6,13 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hab_ppo.commands import (
-    CardsCommand,
-    DemonstrateCommand,
-    EvalCommand,
-    PlotCommand,
-    ShipCommand,
-)
+from hab_ppo.commands import CardsCommand, DemonstrateCommand, EvalCommand, PlotCommand, ShipCommand
 from hab_ppo.extensions import extensions
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.train_command import TrainCommand

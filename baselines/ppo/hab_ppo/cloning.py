@@ -14,9 +14,9 @@ import torch
 from torch import Tensor, nn
 
 from hab_ppo.examples import Examples
+from hab_ppo.layers import half_precision
 from hab_ppo.network import Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
-from hab_ppo.precision import half_precision
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Cloning
 

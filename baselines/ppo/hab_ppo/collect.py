@@ -94,6 +94,7 @@ class Collector:
         rollout = Rollout.empty(
             self._steps, rows.count, policy.layout, policy.head.stored, policy.config.lstm_size
         )
+        # The update unrolls the LSTM from here, and learns through this rollout only.
         rollout.memory = self._memory
         sums = np.zeros(len(EPISODE_SUMS) + len(self._stages))
         step = 0
@@ -115,6 +116,8 @@ class Collector:
                 reward, terminated, truncated = rows.last
                 rollout.rewards[step] = torch.from_numpy(np.asarray(reward, np.float32))
                 rollout.terminated[step] = torch.from_numpy(terminated)
+                # A step can be both; an episode that has ended for good has no
+                # value to bootstrap from.
                 rollout.truncated[step] = torch.from_numpy(truncated & ~terminated)
             step += 1
         if step == self._steps:

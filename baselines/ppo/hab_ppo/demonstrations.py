@@ -237,7 +237,7 @@ class Studio:
             return Attempt(agent_failure=str(result.failure))
         path, failure = stretches(self._path.recorded()), None
         if self._drives:
-            path = within_workspace(path)
+            path = within_workspace(path, self._env.get_wrapper_attr("robot"))
         for replays in range(MOST_REPLAYS):
             drawn = np.random.default_rng([self._plan.seed, number, replays])
             followed = _version(path, replays, drawn)

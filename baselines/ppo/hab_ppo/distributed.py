@@ -86,6 +86,7 @@ class Ranks:
         """Returns the sum of a tensor over all ranks."""
         if self.size == 1:
             return values
+        # A copy, as the sum is made in place and callers keep their own part.
         total = values.to(self._wire, copy=True)
         dist.all_reduce(total)
         return total.to(values.device)
@@ -146,6 +147,7 @@ class Ranks:
         if self.size == 1:
             return
         gradients = [parameter.grad for parameter in parameters if parameter.grad is not None]
+        # One message, as each of dozens of small ones would wait for the slowest rank.
         flat = torch.cat([gradient.flatten() for gradient in gradients]).to(self._wire)
         dist.all_reduce(flat)
         first = 0
@@ -162,6 +164,7 @@ class Ranks:
         """Whether this rank has to stop its rollout before step `step` of `steps`."""
         if self._store is None or self.size == 1 or step < LEAST_SHARE * steps:
             return False
+        # Adding 0 reads the counter; `get` would block until the first rank has finished.
         return self._store.add(f"finished/{update}", 0) >= PREEMPTION_SHARE * self.size
 
 

@@ -100,20 +100,20 @@ class PPO:
         rate = config.learning_rate * (1 - min(1.0, progress) if config.decays else 1.0)
         for group in self.optimizer.param_groups:
             group["lr"] = rate
-        policy = self.policy
-        module = policy.critic if stage.critic_only else policy
+        module = self.policy.critic if stage.critic_only else self.policy
         parameters = [value for value in module.parameters() if value.requires_grad]
         batch = self._batch(rollout)
         parts = self._minibatches(rollout.valid.shape[1], generator)
+        # All counts in one message; rows have different numbers of valid steps.
         counts = self.ranks.sum(torch.stack([rollout.valid[:, rows].sum() for rows in parts]))
-        sums = torch.zeros(len(METRICS), device=rollout.values.device)
-        norm = 0.0
+        sums, norm = torch.zeros(len(METRICS), device=rollout.values.device), 0.0
         for rows, count in zip(parts, counts.tolist(), strict=True):
             loss, part = self._minibatch(batch.of_rows(rows), count, stage)
             gradients = torch.autograd.grad(loss, parameters, allow_unused=True)
             self.optimizer.zero_grad()
             for parameter, gradient in zip(parameters, gradients, strict=True):
                 parameter.grad = gradient
+            # Before clipping, which has to limit the sum and not one rank's part of it.
             self.ranks.sum_gradients(parameters)
             norm += float(nn.utils.clip_grad_norm_(parameters, config.max_gradient_norm))
             self.optimizer.step()
@@ -122,6 +122,7 @@ class PPO:
         metrics = dict(zip(METRICS, means.tolist(), strict=True))
         metrics |= {"gradient_norm": norm / len(parts), "learning_rate": rate}
         metrics["explained_variance"] = self._explained(batch)
+        # With a guide, the normalizers stay as the actor was fitted with them.
         if self.guide is None:
             del metrics["start_kl"]
             self._learn_normalizers(rollout)
@@ -137,6 +138,7 @@ class PPO:
         advantages = gae(rollout, config.discount, config.gae)
         returns = advantages + rollout.values
         moments = self.ranks.merged(Moments.of(advantages[rollout.valid][:, None]))
+        # Over the whole rollout and not by minibatch, so that a minibatch of poor steps stays one.
         deviation = (moments.squares / moments.count.clamp(min=1)).sqrt()
         normal = (advantages - moments.mean.float()) / (deviation.float() + 1e-8)
         return Batch(
@@ -155,6 +157,7 @@ class PPO:
         self._running_return = returns[-1]
         moments = Moments.of(returns[rollout.valid][:, None])
         self.return_moments.learn(self.ranks.merged(moments))
+        # Rewards keep their mean: to shift them would change how long episodes should last.
         variance = self.return_moments.squares / self.return_moments.count
         return (variance[0] + 1e-8).rsqrt().float()
 
@@ -162,6 +165,7 @@ class PPO:
         """Returns the rows of each gradient step; all steps of a row stay together."""
         parts: list[Tensor] = []
         for _ in range(self.config.epochs):
+            # Rows and not steps are shuffled, as the LSTM is unrolled over a row's steps in order.
             order = torch.randperm(rows, generator=generator)
             parts += order.tensor_split(self.config.minibatches)
         return parts
@@ -188,8 +192,10 @@ class PPO:
             total = total + stage.kl_weight * start_kl
         with torch.no_grad():
             outside = ((ratio - clipped).abs() > 0).sum()
+            # Never negative, and of less variance than the mean of -log_ratio (Schulman 2020).
             kl = ((ratio - 1 - log_ratio) * valid).sum()
             sums = torch.stack((policy_loss, value_loss, entropy, outside, kl, start_kl))
+        # The rows of a minibatch may have no valid step.
         return total / max(1, count), sums
 
     def _start_kl(self, judged: Judged, batch: Batch) -> Tensor:

@@ -181,8 +181,7 @@ FAST = Preset(
 """A learner for few CPU cores: two networks of 2 x 256, many gradient steps on each rollout."""
 
 RECURRENT = replace(
-    FAST,
-    network=replace(FAST.network, state_layers=(256,), lstm_size=128, head_layers=()),
+    FAST, network=replace(FAST.network, state_layers=(256,), lstm_size=128, head_layers=())
 )
 """`FAST` with an LSTM, for policies whose observation does not tell in which phase they are: a
 drawer that does not move any more is closed."""

@@ -14,13 +14,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.constants import CONTROL_HZ, EE_STEP_M
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.constants import EE_STEP_M
+from hab_tasks.robots.spec import RobotSpec
 
 Array = NDArray[np.float64]
 
 AHEAD = np.array((1.0, 0.0, 0.0))
-DRIVE_STEP_M = FETCH.base_linear_speed_m_s / CONTROL_HZ
 
 SPACING_M = 0.01
 """Distance between the points of a stretch."""
@@ -35,9 +34,9 @@ REACHED_M = 0.01
 GRASPED_M = 0.04
 """The same before a grasp on a straight path: well within the snap grasp, and easier to learn."""
 
-NEAREST_M = FETCH.ee_lower_m[0] + 0.04
-"""Nearest to the base that the hand comes while it holds something and the base can drive; the
-controller keeps the hand beyond `FETCH.ee_lower_m`."""
+ROOM_M = 0.04
+"""Distance from the near side of the workspace, beyond which the controller keeps the hand, that
+the hand keeps while it holds something and the base can drive."""
 
 PULL_SPACING_M = 0.022
 """Distance between the points while the base drives back: one is passed in every step."""
@@ -121,28 +120,28 @@ def stretches(recorded: Recorded) -> list[Stretch]:
     return found
 
 
-def within_workspace(path: list[Stretch]) -> list[Stretch]:
+def within_workspace(path: list[Stretch], robot: RobotSpec) -> list[Stretch]:
     """Returns a path on which the base drives back where it pulls the hand too near to the base.
 
     An agent that sets joints can reach points that the ``ee`` controller does not. All points after
     the base has driven back lie farther ahead by as much, but for the end of the path, where the
     hand rests.
     """
-    result, back_m = [], 0.0
+    result, back_m, nearest_m = [], 0.0, robot.ee_lower_m[0] + ROOM_M
     for number, stretch in enumerate(path):
         points = stretch.points_m + back_m * AHEAD
         if number == len(path) - 1 and stretch.gripper < 0:
             points = points - np.linspace(0, back_m, len(points))[:, None] * AHEAD
-        if stretch.gripper < 0 or stretch.drives is not None or points[:, 0].min() > NEAREST_M:
+        if stretch.gripper < 0 or stretch.drives is not None or points[:, 0].min() > nearest_m:
             result.append(replace(stretch, points_m=points))
             continue
-        standing = int(np.argmax(points[:, 0] <= NEAREST_M))
+        standing = int(np.argmax(points[:, 0] <= nearest_m))
         if standing:
             result.append(replace(stretch, points_m=points[:standing]))
         pulled = spaced(points[max(0, standing - 1) :], PULL_SPACING_M)
-        pulled_back_m = np.maximum.accumulate(np.maximum(0.0, NEAREST_M - pulled[:, 0]))
+        pulled_back_m = np.maximum.accumulate(np.maximum(0.0, nearest_m - pulled[:, 0]))
         drives = np.zeros((len(pulled), 2))
-        drives[:, 0] = np.clip(-np.diff(pulled_back_m, prepend=0.0) / DRIVE_STEP_M, -1, 1)
+        drives[:, 0] = np.clip(-np.diff(pulled_back_m, prepend=0.0) / robot.base_step_m, -1, 1)
         moved = pulled + pulled_back_m[:, None] * AHEAD
         result.append(replace(stretch, points_m=moved, drives=drives))
         back_m += float(pulled_back_m[-1])

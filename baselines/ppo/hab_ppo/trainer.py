@@ -110,6 +110,8 @@ class Trainer:
                     self._recipe.total_steps,
                     self._position.update,
                 )
+            # Random weights solve nothing, so only a warm start is evaluated before
+            # its first update.
             started = self._learner.guide is not None or self._plan.weights is not None
             if started and self._position.update == 0:
                 self._evaluate_start(progress)
@@ -133,6 +135,7 @@ class Trainer:
         before, began = dict(clock.seconds), time.perf_counter()
         noise = self._generator(1, self._ranks.device)
         share = at.steps / self._recipe.total_steps
+        # Before the rollout, so that it is collected and judged with the same spread.
         log_std = self._recipe.log_std(share)
         if log_std is not None:
             self._learner.policy.head.explore(log_std)
@@ -143,6 +146,7 @@ class Trainer:
             stage = self._stage()
             metrics = self._learner.update(rollout, self._generator(2), share, stage)
         metrics = {f"update/{name}": value for name, value in metrics.items()}
+        # Steps that only reset a row are no experience, and preempted ranks have fewer.
         steps = rollout.valid.sum().double().cpu()[None]
         steps, *episodes = self._ranks.sum(torch.cat((steps, sums))).tolist()
         self._recent.add(episodes)
@@ -170,6 +174,7 @@ class Trainer:
     def _evaluate_if_due(self, progress: Progress | None) -> dict[str, float]:
         """Evaluates at the end and every `evaluation_steps`, then starts all rows anew."""
         at, recipe = self._position, self._recipe
+        # By steps, not by updates, as preemption makes the length of a rollout vary.
         number = at.steps // recipe.evaluation_steps
         if number > at.evaluated or at.steps >= recipe.total_steps:
             metrics = self._evaluated()
@@ -215,6 +220,7 @@ class Trainer:
     def _keep_best(self, success: float, progress: Progress | None) -> None:
         """Keeps the weights if none were better, and reports a collapse."""
         at = self._position
+        # Of equal ones the later, which has learnt for longer.
         if at.best_success is None or success >= at.best_success:
             self._position = replace(at, best_success=success, best_steps=at.steps)
             if progress is not None:
@@ -248,6 +254,7 @@ class Trainer:
 
     def _drawn(self, purpose: int, count: int) -> np.ndarray:
         """Returns `count` seeds (count,) uint32 for this rank, update and purpose."""
+        # Of the position alone, so that a continued run draws what an uninterrupted one would have.
         numbers = [self._plan.seed, self._ranks.rank, self._position.update, purpose]
         return np.random.SeedSequence(numbers).generate_state(count)
 

@@ -24,7 +24,6 @@ from numpy.typing import NDArray
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.planning.joint_goal import sample_reaching_goals
 from hab_spa.planning.validity import (
     Agreement,
@@ -37,6 +36,7 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.privileged import PrivilegedState
+from hab_tasks.robots.spec import RobotSpec
 
 MEDIAN_BOUND_S, MOST_BOUND_S, SPEEDUP_BOUND, AGREEMENT_BOUND_PERCENT = 0.3, 2.0, 20.0, 99.0
 BATCHED_MEDIAN_BOUND_S, BATCHED_MOST_BOUND_S, CHECKS_BOUND = 0.009, 0.04, 1e6
@@ -123,7 +123,8 @@ def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
             write_line(f"suite plan, {name}: {len(timings)} plans")
             rows += split_rows(("plan", name, PICK), timings)
             _reset(env, episodes[0])
-            rows += batch_rows(("plan", name, PICK), env.unwrapped.privileged()[0])
+            core = env.unwrapped
+            rows += batch_rows(("plan", name, PICK), core.robot, core.privileged()[0])
             agreed = agreement(env, VALIDITY_POSES, seed=0)
             rows += plan_rows(("plan", name, PICK), timings, agreed)
         finally:
@@ -187,13 +188,18 @@ def _reset(env: Any, episode: Episode) -> None:
 def _time_plan(env: Any, episode: Episode) -> PlanTiming:
     """Times plans, then checks by each method; the simulator last, as its state changes."""
     _reset(env, episode)
-    scene = TrueScene()
-    state = env.unwrapped.privileged()[0]
+    core = env.unwrapped
+    scene, state = TrueScene(core.robot), core.privileged()[0]
     scene.see({"privileged": [state]}, 0)
-    make = lambda kind: kind(state, held=state.held)  # noqa: E731
+    make = lambda kind: kind(core.robot, state, held=state.held)  # noqa: E731
     make(ArmCollision)  # prepares shapes, which persist across the episodes of a layout
     splits = {
-        name: _split(scene, lambda: make(ArmCollision), SpaConfig().planned_by(name), episode.seed)
+        name: _split(
+            scene,
+            lambda: make(ArmCollision),
+            SpaConfig().planned_by(name, core.robot),
+            episode.seed,
+        )
         for name in PLANNERS
     }
     recorder = make(_Recorder)
@@ -213,7 +219,7 @@ def _split(
     scene: TrueScene, make: Callable[[], ArmCollision], config: SpaConfig, seed: int
 ) -> PlanSplit:
     """Plans a path to the episode's object, as Pick does."""
-    arm, spent_s, found = config.kinematics(), [0.0], None
+    arm, spent_s, found = config.kinematics(scene.robot), [0.0], None
     solve = arm.solve
 
     def timed(*args: Any, **settings: Any) -> Any:
@@ -227,7 +233,7 @@ def _split(
     collision = make()
     made = time.perf_counter()
     points_m = scene.grasp_points_m(0)
-    goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal).goals
+    goals = sample_reaching_goals(points_m, collision, arm, seed, config.goal)
     sampled = time.perf_counter()
     if len(goals):
         found = config.planner.plan(scene.arm_qpos, goals, collision, seed=seed, limits=config.plan)
@@ -240,10 +246,12 @@ def _split(
     )
 
 
-def batch_rows(name: tuple[str, str, str], state: PrivilegedState) -> list[BenchRow]:
+def batch_rows(
+    name: tuple[str, str, str], robot: RobotSpec, state: PrivilegedState
+) -> list[BenchRow]:
     """Returns the rate of checks in batches, and their agreement with coal."""
-    model = ArmCollision(state, held=state.held)
-    poses = np.random.default_rng(0).uniform(LOWER_RAD, UPPER_RAD, (BATCH_POSES, 7))
+    model = ArmCollision(robot, state, held=state.held)
+    poses = np.random.default_rng(0).uniform(*model.limits_rad, (BATCH_POSES, 7))
     model.are_free(poses)
     began = time.perf_counter()
     model.are_free(poses)

@@ -20,13 +20,13 @@ from hab_spa.scenes.scene import Scene
 from hab_tasks.agent import Agent, AgentSetup, AgentSpec
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.agent import TpSrlAgent
-from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
 from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
-from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
 from hab_tp_srl.view import TaskView
@@ -68,10 +68,12 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
-    def make_scene() -> Scene:
+    def make_scene(robot: RobotSpec) -> Scene:
         view = _view(task, options)
+        if options.privileged:
+            return GuidedScene(robot, view)
         # Learned skills and the arm's reset use no more of a scene than this.
-        return GuidedScene(view) if options.privileged else cast(Scene, ObservedScene(view))
+        return cast(Scene, ObservedScene(robot, view))
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
@@ -79,7 +81,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
         log = MotionLog(env_id, robot, believes=options.privileged or options.feels)
         navigator = _navigator(policies, navigate, scene.view)
         team = Team(
-            skills=providers(task, policies, scene.view, options.true_knowledge, options.feels),
+            skills=providers(task, policies, scene.view),
             navigator=navigator,
             hand_over=Resetting(
                 log=log, options=options, navigator=navigator, learned=_learned(policies)

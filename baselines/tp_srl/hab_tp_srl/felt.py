@@ -13,11 +13,10 @@ from hab_plans.belief import Opening
 from hab_plans.stage import Stage
 from hab_spa.shapes import Array
 
+from hab_tasks.articulations import ARTICULATION_KINDS
+
 DROP_M, BESIDE_M = 0.3, 0.15
 """An object released up to so far above its goal, and so far beside it, falls to it (S H.2)."""
-
-PULLED_M = {"drawer": 0.25, "fridge": 0.6}
-"""A hand that has pulled a handle at least so far has opened the drawer or the door."""
 
 
 class FeltBeliefs:
@@ -26,6 +25,7 @@ class FeltBeliefs:
     Positions are in the resting frame of `TaskView`.
 
     Attributes:
+        holding: Whether anything was in the hand when a change was last felt.
         held: Index of the object in the hand; None if it is empty or holds another one.
         places_m: (K, 3) where the objects are.
         openings: Whether each door and drawer is open.
@@ -41,6 +41,7 @@ class FeltBeliefs:
             goals_m: (K, 3) their goals.
             openings: Which doors and drawers are open at the start.
         """
+        self.holding = False
         self.held: int | None = None
         self.places_m, self.moved = starts_m.copy(), np.zeros(len(starts_m), dtype=bool)
         self._goals_m, self.doubts = goals_m, [0] * len(starts_m)
@@ -59,6 +60,7 @@ class FeltBeliefs:
             holding: Whether anything is in the hand.
             hand_m: (3,) the hand.
         """
+        self.holding = holding
         if holding and self.held is None and self._reaching is not None:
             # In the hand it keeps its place relative to it, as good as level.
             self.held, self._held_m = self._reaching, self.places_m[self._reaching] - hand_m
@@ -87,7 +89,8 @@ class FeltBeliefs:
             return
         verb, _, kind = stage.skill.partition("_")
         if verb == "open":
-            ended = ended and (pulled_m is None or pulled_m >= PULLED_M.get(kind, 0.0))
+            least_m = ARTICULATION_KINDS[kind].pulled_m if kind in ARTICULATION_KINDS else 0.0
+            ended = ended and (pulled_m is None or pulled_m >= least_m)
         done: Opening = "open" if verb == "open" else "closed"
         self.openings[stage.articulation] = done if ended else "ajar"
 

@@ -13,10 +13,9 @@ from hab_plans.protocols import NavigationRequest, Navigator
 from hab_plans.stage import Stage
 from hab_spa.motion.moves import RETURN_SHARE, follow, wait
 from hab_spa.motion.robot import Robot
-from hab_spa.tasks.hand_over import fold_arm, rests
+from hab_spa.tasks.navigate import fold_arm, rests
 
 from hab_tasks.constants import SKILL_HORIZON_STEPS
-from hab_tasks.robots.fetch import FETCH
 from hab_tp_srl.options import TeamOptions
 
 RELEASE_STEPS = 4
@@ -111,7 +110,7 @@ class Resetting:
         return stage.skill not in self.learned
 
     def _needs_reset(self, stage: Stage) -> bool:
-        gap_rad = np.abs(self.log.robot.scene.arm_qpos - np.array(FETCH.rest_qpos_rad)).max()
+        gap_rad = np.abs(self.log.robot.scene.arm_qpos - self.log.robot.kinematics.rest_rad).max()
         resets = self.options.resets_arm and not self._is_planned(stage)
         return resets and gap_rad > RESET_RAD
 
@@ -124,5 +123,5 @@ class Resetting:
     def _reset(self) -> Motion:
         """Moves the arm straight to its resting configuration."""
         robot = self.log.robot
-        path = np.stack((robot.scene.arm_qpos, np.array(FETCH.rest_qpos_rad)))
+        path = np.stack((robot.scene.arm_qpos, robot.kinematics.rest_rad))
         return (yield from follow(robot, path, RETURN_SHARE))

@@ -20,10 +20,10 @@ from hab_spa.tasks.navigate import OracleNavigator
 
 from hab_tasks.agent import AgentSetup, of_rows
 from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
+from hab_tasks.envs import ENVS
+from hab_tasks.registration import imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
-from hab_tasks.robots.fetch import FETCH
-from hab_tp_srl.agent_policy import AgentPolicy
-from hab_tp_srl.policies import SkillPolicy, Turn
+from hab_tp_srl.policies import AgentPolicy, SkillPolicy, Turn
 from hab_tp_srl.skill import learned_navigation, turn_of
 from hab_tp_srl.view import TaskView
 
@@ -123,7 +123,8 @@ class NavigatorPolicy:
             PolicyFileError: The file cannot be used.
         """
         self._network, self._device = load(path)[0].to(setup.device), setup.device
-        self.control: HabControllerConfig = control_configs(FETCH)["base_discrete"]
+        self._robot = ENVS[imported_id(setup.env_id)].env.robot
+        self.control: HabControllerConfig = control_configs(self._robot)["base_discrete"]
 
     def goes_on(self, turn: Turn) -> bool:
         """See `SkillPolicy.goes_on`; the next step is one in which it acts."""
@@ -137,7 +138,9 @@ class NavigatorPolicy:
                 # A stop ends the skill, so that it must be at the goal.
                 last = None if turn.before is None else turn.before.memory
                 map_ = None if last is None else last.map
-                turn.memory = Navigator(self._network, self._device, "once", map_, turn.reach)
+                turn.memory = Navigator(
+                    self._robot, self._network, self._device, "once", map_, turn.reach
+                )
                 turn.before = None
             if turn.age % REPEAT == 0:
                 images = of_rows(obs, [row])["sensor_data"]

@@ -1,31 +1,68 @@
-"""Trained skills, evaluated for several rows at a time."""
+"""Trained skills, evaluated for several rows at a time; any agent of a skill as one of them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 import torch
+from gymnasium import spaces
+from hab_eval.run.load_agent import load_agent
 from hab_navigator.belief import Reach
 from hab_ppo.agent import load_policy
 from hab_ppo.errors import PolicyFileError
 from hab_ppo.noise import RowNoise
 from numpy.typing import NDArray
 
-from hab_tasks.agent import AgentSetup, of_rows
+from hab_tasks.agent import Agent, AgentSetup, of_rows
 from hab_tasks.engine.sensors import ARM_QPOS
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.envs import ENVS
-from hab_tasks.registration import SKILLS, imported_id
+from hab_tasks.errors import OptionError
+from hab_tasks.registration import SKILLS, TASK_SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.skills.navigate import NAVIGATE_ID
-from hab_tp_srl.stillness import Stillness
 from hab_tp_srl.training_starts import start_ranges
 from hab_tp_srl.view import Entries
+
+STILL_STEPS, MOTION_RAD = 20, 0.004
+"""An arm that for so many steps moves no joint more than this per step is stuck. Then so many
+actions are drawn, as in training, where a hand over its goal would also open by chance."""
+
+
+@dataclass
+class Stillness:
+    """How long an arm has stood still.
+
+    Attributes:
+        arm_rad: (7,) the joints in the last step.
+        still_steps: Number of steps since they moved, or since actions were last drawn for it.
+        draws_left: Number of actions still to be drawn.
+    """
+
+    arm_rad: NDArray[np.float32] | None = None
+    still_steps: int = 0
+    draws_left: int = 0
+
+    def draws(self, arm_rad: NDArray[np.float32]) -> bool:
+        """Whether the action of this step is drawn; to be called in every step.
+
+        Args:
+            arm_rad: (7,) the joints.
+        """
+        before, self.arm_rad = self.arm_rad, arm_rad.copy()
+        moves = before is None or np.abs(arm_rad - before).max() > MOTION_RAD
+        self.still_steps = 0 if moves or self.draws_left else self.still_steps + 1
+        if self.still_steps == STILL_STEPS:
+            self.still_steps, self.draws_left = 0, STILL_STEPS
+        drawn = self.draws_left > 0
+        self.draws_left -= drawn
+        return drawn
+
 
 ARMS = ("ee", "joint_delta", "joint_target", "still")
 BASES = ("still", "velocity", "discrete")
@@ -118,9 +155,9 @@ class SkillPolicy:
         env_id = imported_id(self.recipe.env.reference)
         env = ENVS[env_id].env
         self.horizon_steps = env.horizon_steps
-        self.control: HabControllerConfig = control_configs(FETCH)[self.recipe.env.control_mode]
+        self.control: HabControllerConfig = control_configs(env.robot)[self.recipe.env.control_mode]
         self._check(skill, env_id, path)
-        self.starts = start_ranges(env_id) if env_id != NAVIGATE_ID else None
+        self.starts = start_ranges(env_id, env.robot) if env_id != NAVIGATE_ID else None
 
     def _check(self, skill: str, env_id: str, path: Path) -> None:
         """Checks that the policy can act as a skill in a task."""
@@ -213,3 +250,65 @@ class SkillPolicy:
             image = chosen[group][camera][texture]
             nested.setdefault(group, {}).setdefault(camera, {})[texture] = image
         return nested
+
+
+class AgentPolicy:
+    """Runs an agent of its own for each row; the attributes are those of `SkillPolicy`."""
+
+    def __init__(
+        self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
+    ) -> None:
+        """Loads the agent.
+
+        Args:
+            setup: Setup of the task's agent; its options are not passed on.
+            skill: Name of the skill in tasks.
+            reference: ``module:factory``.
+            options: Options of the agent.
+
+        Raises:
+            HabError: The agent cannot be loaded, or it cannot act in a task.
+        """
+        named = {ENVS[env_id].env.name: env_id for env_id in SKILLS} | TASK_SKILLS
+        inner = replace(setup, env_id=named[skill], options=dict(options))
+        self._make = partial(load_agent, reference, inner)
+        self._agents: list[Agent] = [self._make()]
+        spec = self._agents[0].spec
+        self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
+        self.sees_images = not spec.obs_mode.startswith("state")
+        env = ENVS[inner.env_id].env
+        self.horizon_steps, self.starts = env.horizon_steps, start_ranges(inner.env_id, env.robot)
+        self.control: HabControllerConfig = control_configs(env.robot)[spec.control_mode]
+        space = cast(spaces.Dict, setup.spaces_of(inner.env_id, spec).observation)
+        self._entries = [(g, name) for g in ("agent", "extra") for name in cast(Any, space[g])]
+        told = [name for group, name in self._entries if group == "agent" or name in TASK_ENTRIES]
+        acts = self.control.arm in ARMS and self.control.base in BASES
+        if spec.privileged or len(told) < len(self._entries) or not acts:
+            raise OptionError(
+                f"{reference} cannot act in a task as {skill}: it needs ground truth, observes "
+                f"what a task does not tell, or acts by control_mode {spec.control_mode}."
+            )
+        self.sees_handles = ("extra", "handle_from_ee") in self._entries
+
+    def goes_on(self, turn: Turn) -> bool:
+        """See `SkillPolicy.goes_on`; a further attempt starts anew."""
+        return False
+
+    def decide(self, rows: Sequence[int], turns: Sequence[Turn], obs: Mapping[str, Any]) -> None:
+        """See `SkillPolicy.decide`."""
+        for row, turn in zip(rows, turns, strict=True):
+            while row >= len(self._agents):
+                self._agents.append(self._make())
+            agent = self._agents[row]
+            if turn.age == 0:
+                assert turn.random is not None
+                agent.reset(torch.ones(1, dtype=torch.bool), [int(turn.random.integers(2**31))])
+            turn.age += 1
+            seen: dict[str, Any] = {"agent": {}, "extra": {}}
+            for group, name in self._entries:
+                seen[group][name] = torch.from_numpy(turn.entries[group, name])[None]
+            if self.sees_images:
+                images = of_rows(obs, [row])
+                seen |= {name: images[name] for name in ("sensor_data", "sensor_param")}
+            turn.action = agent.act(seen)[0].detach().cpu().numpy().reshape(-1)
+            turn.gave_up = agent.report()[0].failure is not None

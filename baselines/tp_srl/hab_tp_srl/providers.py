@@ -15,10 +15,9 @@ from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.agent_policy import AgentPolicy
 from hab_tp_srl.base_poses import TURNING_M, start_pose
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.policies import SkillPolicy
+from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.skill import learned
 from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
@@ -34,17 +33,13 @@ Policies = Mapping[str, Sequence[SkillPolicy | AgentPolicy | SkillProvider[Robot
 """Skill -> policies, providers of another package, or None for planning, in turn."""
 
 
-def providers(
-    task: Task, policies: Policies, view: TaskView, true_knowledge: bool, feels: bool
-) -> dict[str, SkillProvider[Robot]]:
+def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, SkillProvider[Robot]]:
     """Returns the providers of a task's skills, for the robot of one row.
 
     Args:
         task: The task.
         policies: Who executes each skill.
         view: What the robot observes.
-        true_knowledge: Whether learned skills have ground truth.
-        feels: Whether the robot knows their effects by touch.
     """
     put = next((one for one in policies.get("place", ()) if isinstance(one, SkillPolicy)), None)
     found: dict[str, SkillProvider[Robot]] = {}
@@ -54,10 +49,7 @@ def providers(
             if one is None:
                 parts.append(PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view))
             elif isinstance(one, SkillPolicy | AgentPolicy):
-                learned_one = LearnedSkill(
-                    task=task, policy=one, view=view, truth=true_knowledge, feels=feels, put=put
-                )
-                parts.append(learned_one)
+                parts.append(LearnedSkill(task=task, policy=one, view=view, put=put))
             else:
                 parts.append(one)
         found[skill] = parts[0] if len(parts) == 1 else InTurn(parts=parts)
@@ -122,16 +114,12 @@ class LearnedSkill:
         task: The task.
         policy: The policy.
         view: What the robot observes.
-        truth: Whether the policy has ground truth, and with it its true end.
-        feels: Whether the robot knows its effect by touch and sight.
         put: Policy that puts back what was picked by mistake.
     """
 
     task: Task
     policy: SkillPolicy | AgentPolicy
     view: TaskView
-    truth: bool
-    feels: bool
     put: SkillPolicy | None = None
 
     @property
@@ -141,8 +129,8 @@ class LearnedSkill:
 
     @property
     def knows_effect(self) -> bool:
-        """Whether the robot notices that the effect does not hold."""
-        return self.truth or self.feels
+        """Whether the robot notices, by ground truth or by touch, that the effect does not hold."""
+        return self.view.truth or self.view.feels
 
     @property
     def horizon_steps(self) -> int:
@@ -178,23 +166,23 @@ class LearnedSkill:
         self.view.begin(stage)
         if not _can_start(robot, stage):
             return _nothing_held()
-        ending = Ending(self.task, stage, self.view, robot.scene if self.truth else None)
+        ending = Ending(self.task, stage, self.view, robot.scene if self.view.truth else None)
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
         view, point_m = self.view, self.view.point(stage)
-        checks = self.feels and stage.skill == "pick" and stage.drawer is None
+        checks = view.feels and stage.skill == "pick" and stage.drawer is None
         checks = checks and self.policy.sees_images
-        seen_before = view.seen_at(point_m) if checks else 0
-        watches = self.feels and stage.skill == "place" and self.policy.sees_images
-        before = view.look() if watches and self.policy.control.base == "still" else None
+        seen_before = view.seen_at(robot.spec, point_m) if checks else 0
+        watches = view.feels and stage.skill == "place" and self.policy.sees_images
+        before = view.look(robot.spec) if watches and self.policy.control.base == "still" else None
         failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
         view.end(stage, failure is None)
         if before is not None:
-            view.see_placed(stage.object, before)
+            view.see_placed(robot.spec, stage.object, before)
         held = view.felt.held
         if checks and held is not None and view.felt.doubts[held] < MOST_DOUBTS:
-            seen = view.seen_at(point_m)
+            seen = view.seen_at(robot.spec, point_m)
             if seen >= LEAST_SEEN and seen > STILL_THERE * seen_before:
                 yield from self._put_back(robot, stage)
                 return Failure.EXECUTION

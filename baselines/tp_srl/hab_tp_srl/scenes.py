@@ -11,6 +11,7 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 
 from hab_tasks.articulations import ArticulationKind
+from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.view import TaskView
 
 
@@ -21,8 +22,8 @@ class GuidedScene(TrueScene):
         view: What learned skills observe.
     """
 
-    def __init__(self, view: TaskView) -> None:
-        super().__init__()
+    def __init__(self, robot: RobotSpec, view: TaskView) -> None:
+        super().__init__(robot)
         self.view = view
 
     def forget(self) -> None:
@@ -40,11 +41,12 @@ class ObservedScene:
     """The part of `hab_spa.scenes.scene.Scene` that a robot without planned skills needs.
 
     Attributes:
+        robot: The robot.
         view: What learned skills observe.
     """
 
-    def __init__(self, view: TaskView) -> None:
-        self.view = view
+    def __init__(self, robot: RobotSpec, view: TaskView) -> None:
+        self.robot, self.view = robot, view
 
     def forget(self) -> None:
         """Starts a new episode."""

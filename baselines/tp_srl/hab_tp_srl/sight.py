@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.own_shapes import inside_robot, own_poses
+from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.shapes import Array, invert_pose
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from hab_tasks.agent import of_rows
+from hab_tasks.robots.spec import RobotSpec
 
 CHANGED_M = 0.015
 """Least change of depth: the drives let the camera sway by millimetres."""
@@ -44,14 +45,15 @@ class Look:
     own: NDArray[np.bool_]
 
     @classmethod
-    def take(cls, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
+    def take(cls, robot: RobotSpec, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
         """Looks, with the arm at joint positions (7,) [rad]."""
         images = of_rows(obs, [row])
         view = DepthView.read(images, "head", 0)
-        base_from_world = invert_pose(world_from_base(images, 0))
+        base_from_world = invert_pose(world_from_base(robot, images, 0))
         points_m = view.points_m @ base_from_world[:3, :3].T + base_from_world[:3, 3]
         seen, own = np.isfinite(view.depth_m), np.zeros(view.depth_m.shape, dtype=bool)
-        own[seen] = inside_robot(points_m[seen], own_poses(np.eye(4), arm_rad), OWN_M)
+        shapes = own_shapes(robot)
+        own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
         return cls(depth_m=view.depth_m, points_m=points_m, own=own)
 
     def appeared_m(self, before: Look, near_m: Array) -> Array | None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,13 +16,12 @@ from numpy.typing import NDArray
 
 from hab_tasks.robots.control import commanded_arm
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_SHARE
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import Decider, Turn
 from hab_tp_srl.view import TaskView
 
-_KINEMATICS = ArmKinematics(FETCH)
+_kinematics = cache(ArmKinematics)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,12 +38,7 @@ class PolicyCommand(Command):
 
 
 def learned(
-    robot: Robot,
-    stage: Stage,
-    policy: Decider,
-    view: TaskView,
-    ending: Ending,
-    point_m: Array,
+    robot: Robot, stage: Stage, policy: Decider, view: TaskView, ending: Ending, point_m: Array
 ) -> Motion:
     """Runs a learned skill to its own end.
 
@@ -121,7 +116,7 @@ def command_of(robot: Robot, policy: Decider, action: NDArray[Any]) -> Command:
     arm_rad, arm = None, policy.control.arm
     if arm != "still":
         entries = action[: policy.control.arm_size]
-        moved = commanded_arm(arm, robot.arm_target_rad, entries, _KINEMATICS)
+        moved = commanded_arm(arm, robot.arm_target_rad, entries, _kinematics(robot.spec))
         arm_rad = moved.astype(np.float32).astype(float)  # as the controller keeps it
     return robot.command(arm_rad, base=velocities(policy, action))
 

@@ -12,8 +12,8 @@ from hab_spa.shapes import Array
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.registration import SKILLS
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
+from hab_tasks.robots.spec import RobotSpec
 
 EPISODES = 500
 """Episodes of each skill that ship with hab-tasks; they come from the generator of training."""
@@ -24,8 +24,6 @@ SLACK = 0.05
 
 SHY_M = 0.1
 """A base is sent so far into a range of distances, as it does not stop exactly there."""
-
-_KINEMATICS = ArmKinematics(FETCH)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -76,22 +74,23 @@ def features(point_m: Array, ee_m: Array) -> Array:
 
 
 @functools.cache
-def start_ranges(env_id: str) -> StartRanges | None:
+def start_ranges(env_id: str, robot: RobotSpec) -> StartRanges | None:
     """Returns the ranges of a skill's environment; None if no episodes of it ship."""
     if env_id not in SKILLS:
         return None
     request = EpisodeRequest(env_id=env_id, split="val")
-    found = np.stack([_features_of(one) for one in load_episodes(request, EPISODES).episodes])
+    arm, episodes = ArmKinematics(robot), load_episodes(request, EPISODES).episodes
+    found = np.stack([_features_of(episode, arm) for episode in episodes])
     low, high = np.percentile(found, PERCENTILES, axis=0)
     low[-1] = 0.0  # the hand cannot be too near to rest
     return StartRanges(low=low, high=high)
 
 
-def _features_of(episode: Episode) -> Array:
+def _features_of(episode: Episode, arm: ArmKinematics) -> Array:
     """Returns the features of the start of an episode."""
     (target, *_), (x, y, yaw) = episode.targets, episode.robot.base
     point_m = np.array((target.world_from_goal or episode.objects[target.object])[:3])
     cosine, sine = np.cos(yaw), np.sin(yaw)
     level_m = (point_m[:2] - np.array((x, y))) @ np.array(((cosine, -sine), (sine, cosine)))
-    ee_m = _KINEMATICS.position(np.array(episode.robot.arm_qpos_rad))
+    ee_m = arm.position(np.array(episode.robot.arm_qpos_rad))
     return features(np.append(level_m, point_m[2]), ee_m)

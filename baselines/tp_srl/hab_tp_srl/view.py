@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from hab_tasks.agent import of_rows
 from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
+from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
 from hab_tp_srl.sight import Look
 
@@ -36,6 +37,7 @@ class TaskView:
     """What the robot of one row observes in a task.
 
     Attributes:
+        truth, feels: As given.
         felt: What it believes without ground truth.
     """
 
@@ -57,8 +59,8 @@ class TaskView:
             openings: Which doors and drawers are open at the start of an episode.
             feels: Whether it notices where an object was let go, and looks for it there.
         """
-        self._truth, self._aims_object = truth, aims_object
-        self._openings, self._feels, self._held = openings, feels, False
+        self.truth, self.feels = truth, feels
+        self._aims_object, self._openings = aims_object, openings
         self._obs: Mapping[str, Any] = {}
         self._row = 0
         self._located: tuple[float, float, float] | None = None
@@ -67,7 +69,6 @@ class TaskView:
     def forget(self) -> None:
         """Starts a new episode."""
         self._starts_m: Array | None = None
-        self._held = False
         self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
@@ -89,10 +90,9 @@ class TaskView:
             self.felt = FeltBeliefs(self._starts_m, self._goals_m, self._openings)
         self._pull()
         self._take()
-        if self._feels and self.holding != self._held:
-            self._held = not self._held
+        if self.feels and self.holding != self.felt.holding:
             hand_m = self._to_frame(self._felt("ee_position").astype(float))
-            self.felt.feel(self._held, hand_m)
+            self.felt.feel(self.holding, hand_m)
 
     def begin(self, stage: Stage) -> None:
         """Notes that a skill begins.
@@ -111,22 +111,22 @@ class TaskView:
             pulled_m = float(np.linalg.norm(self._pulled_m[stage.articulation]))
         self.felt.end(stage, ended, pulled_m)
 
-    def seen_at(self, point_m: Array) -> int:
-        """Returns how many pixels of the head's depth image show a surface at a point (3,)."""
+    def seen_at(self, robot: RobotSpec, point_m: Array) -> int:
+        """Returns how many pixels of the head camera show a surface at a point (3,)."""
         depth = np.asarray(of_rows(self._obs, [self._row])["sensor_data"]["head"]["depth"][0])
-        points_m, _ = surfaces(depth, len(depth))
+        points_m, _ = surfaces(depth, robot.cameras["head"], len(depth))
         gaps_m = points_m - self._in_base(point_m)
         # What it stands on is below its middle, and seen whether it is there or not.
         above = (gaps_m[:, 2] > -BELOW_M) & (gaps_m[:, 2] < AT_M)
         return int((above & (np.hypot(gaps_m[:, 0], gaps_m[:, 1]) < AT_M)).sum())
 
-    def look(self) -> Look:
+    def look(self, robot: RobotSpec) -> Look:
         """Looks with the head camera."""
-        return Look.take(self._obs, self._row, self.arm_qpos)
+        return Look.take(robot, self._obs, self._row, self.arm_qpos)
 
-    def see_placed(self, number: int, before: Look) -> None:
+    def see_placed(self, robot: RobotSpec, number: int, before: Look) -> None:
         """Notes where an object has come to lie since a look; that may be beside its goal."""
-        found_m = self.look().appeared_m(before, self._in_base(self._goals_m[number]))
+        found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
         if found_m is not None and self.felt.held != number:
             self.felt.places_m[number] = self._to_frame(found_m)
 
@@ -209,7 +209,7 @@ class TaskView:
     @property
     def _state(self) -> PrivilegedState | None:
         """The true state; None without ground truth."""
-        return self._obs["privileged"][self._row] if self._truth else None
+        return self._obs["privileged"][self._row] if self.truth else None
 
     @property
     def _pairs_m(self) -> Array:

@@ -5,16 +5,15 @@ import math
 import numpy as np
 import pytest
 import torch
-from hab_navigator import fitting
-from hab_navigator.fitting import fit, misfit
-from hab_navigator.lessons import Lessons, from_middle, goal_bins, turned_goals
+from hab_navigator.lessons import Lessons, fit, from_middle, goal_bins, misfit, turned_goals
 from hab_navigator.navigator import REPEAT, Navigator
 from hab_navigator.network import HEADINGS, GoalNetwork
-from hab_navigator.robot_map import _CAMERA_M, CELLS, RAYS_PX, SEEN, VISITED, RobotMap, _rays
+from hab_navigator.robot_map import CELLS, RAYS_PX, SEEN, VISITED, RobotMap, _rays
 from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import SIDE, TOPS_SCALE, WHOLE, View, inputs
 
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
+from hab_tasks.robots.fetch import FETCH
 
 NOTHING = np.zeros((128, 128, 1), dtype=np.float32)
 MIDDLE = CELLS // 2
@@ -45,14 +44,16 @@ def wall_ahead(distance_m):
 def corner(yaw_rad, y_m):
     """The depth image of walls 2 m ahead and 1.5 m to the left of a base that was then moved."""
     rotation = np.array([[np.cos(yaw_rad), -np.sin(yaw_rad)], [np.sin(yaw_rad), np.cos(yaw_rad)]])
-    rays, start = _rays(RAYS_PX)[..., :2] @ rotation.T, rotation @ _CAMERA_M[:2] + [0.0, y_m]
+    camera = FETCH.cameras["head"]
+    rays, start = _rays(camera, RAYS_PX)[..., :2] @ rotation.T, rotation @ camera.position_m[:2]
+    start += [0.0, y_m]
     away_m = (np.array([2.0, 1.5]) - start) / np.maximum(rays, 1e-3)
     depth_m = np.minimum(away_m.min(axis=2), 10.0)
     return np.kron(depth_m, np.ones((2, 2)))[..., None].astype(np.float32) / 10.0
 
 
 def test_the_pose_follows_from_the_turns_and_the_point():
-    map_ = RobotMap(REPEAT)
+    map_ = RobotMap(FETCH, REPEAT)
     map_.look(NOTHING, point(2.0, 1.0))
     assert map_.pose.tolist() == [0.0, 0.0, 0.0]
     map_.take(BASE_CELLS.index((0.0, 1.0)))
@@ -68,7 +69,7 @@ def test_the_pose_follows_from_the_turns_and_the_point():
 
 
 def test_where_the_base_pose_is_known_the_map_follows_it_to_any_point():
-    map_ = RobotMap(4)
+    map_ = RobotMap(FETCH, 4)
     map_.look(NOTHING, np.array((2.0, 0.0, 0.5)), np.array((1.0, 2.0, math.pi / 2)))
     assert map_.pose == pytest.approx((0.0, 0.0, 0.0))
     assert map_.point_m == pytest.approx((2.0, 0.0))
@@ -82,7 +83,7 @@ def test_where_the_base_pose_is_known_the_map_follows_it_to_any_point():
 @pytest.mark.parametrize("turned_rad", [-0.05, TURN_RAD + 0.05])
 def test_a_base_that_touches_something_finds_its_yaw_by_what_it_sees(turned_rad):
     """It wants to turn in place; something turns it by another angle and moves it aside by 5 cm."""
-    map_ = RobotMap(REPEAT)
+    map_ = RobotMap(FETCH, REPEAT)
     map_.look(corner(0.0, 0.0), point(1.0, 2.0))
     map_.take(BASE_CELLS.index((0.0, 1.0)))
     map_.look(corner(turned_rad, 0.05), from_base(1.0, 1.95, turned_rad))
@@ -92,7 +93,7 @@ def test_a_base_that_touches_something_finds_its_yaw_by_what_it_sees(turned_rad)
 
 
 def test_a_wall_is_drawn_where_it_is():
-    map_ = RobotMap(REPEAT)
+    map_ = RobotMap(FETCH, REPEAT)
     map_.look(wall_ahead(1.25), point(1.25, 0.5))
     # A cell is 0.1 m, and the first pose is at the corner of four: 1.25 m ahead is the thirteenth.
     assert set(np.flatnonzero(map_.tops.any(axis=1))) == {MIDDLE + 12}
@@ -105,7 +106,7 @@ def test_a_wall_is_drawn_where_it_is():
 
 def test_a_base_passes_a_gap_that_is_as_wide():
     """In a wall at x = 1 m, a gap of 0.9 m opens at y = 0."""
-    map_ = RobotMap(REPEAT)
+    map_ = RobotMap(FETCH, REPEAT)
     map_.look(NOTHING, point(2.0, 0.0))
     map_.seen[MIDDLE - 20 : MIDDLE + 30, MIDDLE - 20 : MIDDLE + 20] = SEEN
     map_.tops[MIDDLE + 10] = 200
@@ -149,7 +150,7 @@ def test_goals_turn_with_their_views():
 
 
 def test_a_lesson_tells_where_the_goal_is_from_the_point():
-    map_ = RobotMap(REPEAT)
+    map_ = RobotMap(FETCH, REPEAT)
     map_.look(NOTHING, point(2.0, 1.0))
     goal = from_middle(map_, np.array([1.0, 1.0, 0.3]))
     assert goal.tolist() == pytest.approx((-1.0, 0.0, 0.3))
@@ -160,7 +161,7 @@ def test_a_lesson_tells_where_the_goal_is_from_the_point():
 
 
 def test_a_network_learns_where_goals_are(monkeypatch):
-    monkeypatch.setattr(fitting, "BATCH", 12)
+    monkeypatch.setattr("hab_navigator.lessons.BATCH", 12)
     goals = torch.zeros(24, 3)
     goals[:, :2] = 3 * (torch.rand(24, 2, generator=torch.Generator().manual_seed(1)) - 0.5)
     lessons = Lessons(marked(goals), goals)
@@ -209,7 +210,7 @@ def is_at(base, place, away_m=0.3):
 def test_it_stops_at_the_likeliest_place_first_and_then_at_the_next(mode):
     """Without a stop, it passes one after the other."""
     goals = [[-1.05, 0.05, 0.0], [0.05, -1.05, 0.0]]
-    navigator = Navigator(Believing(goals, [0.8, 0.2]), stops=mode)
+    navigator = Navigator(FETCH, Believing(goals, [0.8, 0.2]), stops=mode)
     passed, stops = drive(navigator, (3.0, 0.0), 100)
     if mode == "never":
         for place in ((2.0, 0.0), (3.0, -1.0)):

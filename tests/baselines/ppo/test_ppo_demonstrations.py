@@ -17,15 +17,10 @@ from hab_ppo.practice import Lesson, practise
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes import find_recipe
 from hab_ppo.replay import Disturbance, replay
-from hab_ppo.retiming import (
-    Follower,
-    Recorded,
-    Stretch,
-    spaced,
-    stretches,
-    within_workspace,
-)
+from hab_ppo.retiming import Follower, Recorded, Stretch, spaced, stretches, within_workspace
 from refusals import check_each, refused_by_call
+
+from hab_tasks.robots.fetch import FETCH
 
 STEP_M, LIMIT = 0.015, 60
 
@@ -52,7 +47,7 @@ def test_the_base_drives_back_where_the_hand_would_come_too_near():
     pull = Stretch(points_m=line(49, 48, 47, 46, 45, 40.6), gripper=1.0)
     free = Stretch(points_m=line(60, 30), gripper=-1.0)  # an empty hand
     rest = Stretch(points_m=line(45, 50), gripper=-1.0)
-    standing, driving, end = within_workspace([free, pull, rest])[1:]
+    standing, driving, end = within_workspace([free, pull, rest], FETCH)[1:]
     assert standing.points_m[:, 0] * 100 == pytest.approx([49, 48, 47, 46, 45])
     assert standing.drives is None
     # The 4.4 cm from 45 to 40.6 in pieces of at most 2.2 cm: 42.8 and 40.6. The hand stays at 44,

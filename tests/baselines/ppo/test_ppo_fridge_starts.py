@@ -19,8 +19,7 @@ def test_evaluations_are_in_the_environment_of_the_skill():
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["open_fridge_blind", *(pytest.param(n, marks=pytest.mark.slow) for n in NAMES)],
+    "name", ["open_fridge_blind", *(pytest.param(n, marks=pytest.mark.slow) for n in NAMES)]
 )
 def test_policies_of_these_environments_are_policies_of_the_skill(name):
     recipe = find_recipe(name)

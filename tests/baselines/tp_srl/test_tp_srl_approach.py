@@ -8,10 +8,10 @@ from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.scenes.true_scene import TrueScene
-from hab_tp_srl.approach import SIDES, open_sides
-from hab_tp_srl.base_poses import candidates
+from hab_tp_srl.base_poses import SIDES, candidates, open_sides
 
 from hab_tasks.receptacles import FRIDGE
+from hab_tasks.robots.fetch import FETCH
 
 INSIDE_M = np.array((2.0, 3.0, 1.2))
 
@@ -68,7 +68,7 @@ def test_bases_at_the_fridge_are_before_it(dataset, request):
     try:
         for seed in range(3):
             env.reset(seed=seed)
-            scene = TrueScene()
+            scene = TrueScene(FETCH)
             scene.see({"privileged": env.unwrapped.privileged()}, 0)
             robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
             front = env.unwrapped.simulation.truth.fridge_around((FRIDGE, None))

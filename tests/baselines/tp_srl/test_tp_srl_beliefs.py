@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hab_navigator.belief import GoalBelief, Reach
-from hab_navigator.near_space import SIDES, NearSpace
+from hab_navigator.belief import SIDES, GoalBelief, NearSpace, Reach
 from hab_navigator.network import HEADINGS
 from hab_navigator.views import SIDE
 from hab_tp_srl.felt import FeltBeliefs

@@ -9,6 +9,8 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_tp_srl.view import TaskView
 from task_states import move_joint, move_object, observe, skill_episode, stand
 
+from hab_tasks.robots.fetch import FETCH
+
 TASK = "HabSetTable-v1"
 PLAIN = {"obs_mode": "state_dict", "render_backend": "none", "num_episodes": 1}
 TOLERANCE = {False: 2e-5, True: 2e-4}
@@ -58,7 +60,7 @@ class Walk:
 
     def stand_elsewhere(self):
         """Sets the base to a random pose at which the arm touches nothing."""
-        scene, obs = TrueScene(), {"privileged": [self.env.unwrapped.privileged()[0]]}
+        scene, obs = TrueScene(FETCH), {"privileged": [self.env.unwrapped.privileged()[0]]}
         scene.see(obs, 0)
         map_ = scene.floor_map()
         places = map_.positions(np.argwhere(map_.free))

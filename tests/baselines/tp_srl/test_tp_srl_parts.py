@@ -11,11 +11,11 @@ from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
 from hab_ppo.recipes import find_recipe
+from hab_tp_srl.agent import fault
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.factories import skills_of
-from hab_tp_srl.fault import fault
 from hab_tp_srl.options import SKILLS
-from hab_tp_srl.stillness import Stillness
+from hab_tp_srl.policies import Stillness
 from hab_tp_srl.view import TaskView
 from refusals import check_each, refused_by_call
 from untrained import write_weights

@@ -14,7 +14,7 @@ from hab_navigator.weights import save
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig
-from hab_tp_srl import factories, stillness
+from hab_tp_srl import factories, policies
 from hab_tp_srl.navigators import NavigatorPolicy
 from hab_tp_srl.policies import SkillPolicy, Turn
 from hab_tp_srl.scenes import ObservedScene
@@ -119,7 +119,7 @@ def test_rows_act_together_and_as_they_would_alone(brief, handed_over):
 
 
 def test_the_actions_of_an_arm_that_stands_still_are_drawn(brief, handed_over, monkeypatch):
-    monkeypatch.setattr(stillness, "STEPS", 2)
+    monkeypatch.setattr(policies, "STILL_STEPS", 2)
     acted = []
     for seed in (0, 1):
         agent = handed_over()
@@ -173,7 +173,7 @@ def test_an_action_does_in_a_task_what_it_does_in_the_skills_env(name, weights):
     modes = ("ee_base", "joint_target_base")
     envs = [gym.make(f"hab_tasks:{TASK}", control_mode=mode, **plain) for mode in modes]
     seen = [env.reset(seed=0)[0] for env in envs]
-    scene = ObservedScene(view)
+    scene = ObservedScene(FETCH, view)
     scene.see(seen[1], 0)
     robot = Robot(scene, SpaConfig(), seed=0, deadline=100)  # type: ignore[arg-type]
     for _ in range(25):
@@ -203,7 +203,7 @@ def test_the_navigator_decides_every_four_steps_on_one_map_of_the_episode(tmp_pa
     mode = {"control_mode": "joint_target_base", "obs_mode": "depth", "handle_position": False}
     env, obs = make_env(SimpleNamespace(**mode))
     view = TaskView(truth=False)
-    ObservedScene(view).see(obs, 0)
+    ObservedScene(FETCH, view).see(obs, 0)
     stage = stage_of(env.unwrapped.task, plan_of(TASK).interactions[0])
     looks, look = [], RobotMap.look
 

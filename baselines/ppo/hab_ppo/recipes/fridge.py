@@ -4,15 +4,7 @@ The reward pays for little but the finished skill, so random actions never find 
 knows the door's axis labels the states that the policy visits (DAgger) before PPO.
 """
 
-from hab_ppo.recipe import (
-    RECURRENT,
-    VISUAL,
-    Cloning,
-    Distillation,
-    EnvConfig,
-    FineTuning,
-    Recipe,
-)
+from hab_ppo.recipe import RECURRENT, VISUAL, Cloning, Distillation, EnvConfig, FineTuning, Recipe
 
 # The handle's position is no part of the paper's observation; without it and without images, the
 # handle cannot be found. The policy does not observe the borders of its region either: half of the
@@ -31,8 +23,7 @@ OPEN_FRIDGE_BLIND = Recipe(
     total_steps=400_000,
     evaluation_episodes=100,
     distill=Distillation(
-        expert="door_action",
-        tuning=FineTuning(log_std=-1.4, kl_weight=0.1, kl_steps=200_000),
+        expert="door_action", tuning=FineTuning(log_std=-1.4, kl_weight=0.1, kl_steps=200_000)
     ),
 )
 
@@ -70,8 +61,6 @@ CLOSE_FRIDGE_DEPTH = Recipe(
     preset=VISUAL,
     total_steps=100_000,
     distill=Distillation(
-        expert="door_action",
-        rounds=6,
-        cloning=Cloning(epochs=10, patience=10, bfloat16=True),
+        expert="door_action", rounds=6, cloning=Cloning(epochs=10, patience=10, bfloat16=True)
     ),
 )

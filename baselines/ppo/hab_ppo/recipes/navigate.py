@@ -29,10 +29,7 @@ NAVIGATE_DEPTH = Recipe(
         num_episodes=1500,
     ),
     preset=replace(
-        VISUAL,
-        ppo=replace(VISUAL.ppo, discount=0.98, epochs=3),
-        rows=16,
-        rollout_steps=50,
+        VISUAL, ppo=replace(VISUAL.ppo, discount=0.98, epochs=3), rows=16, rollout_steps=50
     ),
     total_steps=1_400_000,
     draws_actions=True,

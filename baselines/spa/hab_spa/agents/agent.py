@@ -1,9 +1,10 @@
-"""The sense-plan-act agent, for single skills and task plans (S App. D)."""
+"""The sense-plan-act agent of skills and task plans, and its control modes (S App. D)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 import torch
@@ -11,13 +12,16 @@ from hab_plans.motion import Command, Motion
 from torch import Tensor
 
 from hab_spa.motion.robot import Robot, SpaConfig
+from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.planning.batch import kernel
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
-from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
+from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.errors import UnknownNameError
+from hab_tasks.registration import imported_id
+from hab_tasks.robots.spec import RobotSpec
 
 Behaviour = Callable[[Robot], Motion]
 
@@ -29,7 +33,7 @@ class SpaAgent:
         self,
         setup: AgentSetup,
         spec: AgentSpec,
-        make_scene: Callable[[], Scene],
+        make_scene: Callable[[RobotSpec], Scene],
         behave: Behaviour,
         config: SpaConfig | None = None,
     ) -> None:
@@ -38,15 +42,15 @@ class SpaAgent:
         Args:
             setup: Environment and options; the environment's horizon is the robot's deadline.
             spec: Requirements of the agent.
-            make_scene: Creates the scene model of a row.
+            make_scene: Creates the scene model of a row, for the environment's robot.
             behave: Starts the motion of a row's robot in an episode.
             config: Parameters; the paper's by default.
         """
         kernel()  # compiled or read here, not in the first plan
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
-        self._horizon_steps = ENVS[setup.env_id].env.horizon_steps
-        self._make_scene = make_scene
+        env = ENVS[setup.env_id].env
+        self._horizon_steps, self._make_scene = env.horizon_steps, partial(make_scene, env.robot)
         self._rows: list[_Row] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -89,7 +93,11 @@ class SpaAgent:
         if mode.endswith("_base"):
             return np.concatenate((action, command.base))
         if mode.endswith("_pose"):
-            pose = driven(robot.base, *command.base) if command.pose is None else command.pose
+            pose = (
+                driven(robot.spec, robot.base, *command.base)
+                if command.pose is None
+                else command.pose
+            )
             return np.concatenate((action, pose))
         return action
 
@@ -98,11 +106,11 @@ class SpaAgent:
         return [row.report() for row in self._rows]
 
 
-def driven(base: Array, forward: float, turning: float) -> Array:
+def driven(robot: RobotSpec, base: Array, forward: float, turning: float) -> Array:
     """Returns the base pose (3,) after a step of perfectly executed velocities."""
     x, y, yaw = base.tolist()
-    step_m = forward * FETCH.base_linear_speed_m_s / CONTROL_HZ
-    turned = yaw + turning * FETCH.base_angular_speed_rad_s / CONTROL_HZ
+    step_m = forward * robot.base_linear_speed_m_s / CONTROL_HZ
+    turned = yaw + turning * robot.base_angular_speed_rad_s / CONTROL_HZ
     return np.array((x + step_m * np.cos(yaw), y + step_m * np.sin(yaw), turned))
 
 
@@ -143,3 +151,43 @@ class _Row:
             doing=self.robot.doing,
             trace=tuple(self.robot.trace),
         )
+
+
+T = TypeVar("T")
+
+CONTROLLERS = {"real": "joint_target", "perfect": "joint_state"}
+"""Option ``controller``: joint targets of the simulated drives, or joint states (S App. D)."""
+
+
+def skill_asked(setup: AgentSetup, agent: str, skills: Mapping[str, T]) -> tuple[str, T]:
+    """Returns the environment id of a single-skill agent, and its entry in `skills`.
+
+    Raises:
+        UnknownNameError: The environment is not a supported skill, or an option is unknown.
+    """
+    check_options(setup, {"controller": CONTROLLERS, "planner": PLANNERS})
+    env_id = imported_id(setup.env_id)
+    if env_id not in skills:
+        raise UnknownNameError(f"environment of {agent}", env_id, skills)
+    return env_id, skills[env_id]
+
+
+def planned(setup: AgentSetup, config: SpaConfig | None = None) -> SpaConfig:
+    """Returns parameters, the paper's by default, with the planner of the option ``planner``."""
+    return (config or SpaConfig()).planned_by(
+        setup.options.get("planner", "ompl"), ENVS[imported_id(setup.env_id)].env.robot
+    )
+
+
+def control_mode(env_id: str, options: Mapping[str, str]) -> str:
+    """Returns the control mode for an environment and the agent's options.
+
+    Args:
+        env_id: The environment.
+        options: ``controller``, and ``navigation`` for tasks.
+    """
+    modes = ENVS[env_id].env.control_modes
+    arm = CONTROLLERS[options.get("controller", "real")]
+    if options.get("navigation") == "perfect":
+        return f"{arm}_pose"
+    return next((mode for mode in (arm, f"{arm}_base") if mode in modes), "base")

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from hab_plans.motion import Motion
 
-from hab_spa.agents.agent import Behaviour, SpaAgent
-from hab_spa.agents.modes import control_mode, planned, skill_asked
+from hab_spa.agents.agent import Behaviour, SpaAgent, control_mode, planned, skill_asked
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.true_scene import TrueScene

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from hab_plans.motion import Failure, Motion
 
-from hab_spa.agents.agent import Behaviour, SpaAgent
-from hab_spa.agents.modes import control_mode, planned, skill_asked
+from hab_spa.agents.agent import Behaviour, SpaAgent, control_mode, planned, skill_asked
 from hab_spa.motion.follow import FollowConfig
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig

@@ -13,15 +13,13 @@ from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
-from hab_spa.agents.agent import SpaAgent
-from hab_spa.agents.modes import CONTROLLERS, control_mode, planned
+from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned
 from hab_spa.agents.seen_agents import pick_seen, place_seen, spa_config
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.tasks.hand_over import Folding
-from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of
+from hab_spa.tasks.navigate import Folding, OracleNavigator, PolicyNavigator, navigator_of
 from hab_spa.tasks.planned_skills import SKILLS, guided
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError

@@ -1,27 +1,84 @@
-"""Driving along shortest paths on the floor map, by velocity commands of the simulated base."""
+"""Driving along shortest paths on the floor map, with limited accelerations."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Generator
 from dataclasses import dataclass, replace
+from typing import Generic, TypeVar
 
 import numpy as np
 from hab_plans.motion import Command, Failure, Motion
 
 from hab_spa.motion.robot import Robot
-from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
-from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.navigation import NavigationMap, path_between
+
+
+@dataclass(frozen=True, kw_only=True)
+class WheelsConfig:
+    """Limits of the velocities, and thresholds of a stuck base.
+
+    Attributes:
+        way_share, turn_share: Maximum velocities, relative to the base's.
+        ease: Maximum change of a relative velocity per step.
+        still_m, still_rad, still_steps: The base is stuck when it has moved less than these
+            thresholds in each of these steps.
+    """
+
+    way_share: float = 1.0
+    turn_share: float = 1.0
+    ease: float = 0.25
+    still_m: float = 0.003
+    still_rad: float = 0.01
+    still_steps: int = 8
+
+
+Config = TypeVar("Config", bound=WheelsConfig)
+
+
+class Wheels(Generic[Config]):
+    """Limits accelerations and detects a stuck base."""
+
+    def __init__(self, robot: Robot, config: Config) -> None:
+        self.robot, self.config = robot, config
+        self._share, self._still, self._last = np.zeros(2), 0, robot.base
+
+    @property
+    def stuck(self) -> bool:
+        """Whether the base is stuck, or no steps are left."""
+        return self._still >= self.config.still_steps or self.robot.steps_left <= 0
+
+    def free(self) -> None:
+        """Resets the detection of a stuck base."""
+        self._still = 0
+
+    def roll(self, forward: float, turn: float) -> Command:
+        """Returns the command nearest to these relative velocities, within the limits."""
+        config, base = self.config, self.robot.base
+        most = np.array((config.way_share, config.turn_share))
+        wanted = np.clip((forward, turn), -most, most)
+        self._share += np.clip(wanted - self._share, -config.ease, config.ease)
+        distance_m = float(np.linalg.norm(base[:2] - self._last[:2]))
+        moves = distance_m > config.still_m or abs(angle(base[2], self._last[2])) > config.still_rad
+        self._still = 0 if moves else self._still + 1
+        self._last = base
+        return self.robot.command(base=(float(self._share[0]), float(self._share[1])))
+
+    def stop(self) -> Generator[Command, None, None]:
+        """Decelerates to a stop."""
+        while np.abs(self._share).max() > 0:
+            yield self.roll(0.0, 0.0)
+
+
+def angle(to_rad: float, from_rad: float) -> float:
+    """Returns the smallest turn [rad] from one heading to another."""
+    return float((to_rad - from_rad + math.pi) % (2 * math.pi) - math.pi)
+
 
 FARTHER = (1.0, 0.7, 1.5, 2.0)
 ASIDE_RAD = np.deg2rad((0.0, 20.0, -20.0, 40.0, -40.0, 60.0, -60.0))
 """Distances of turning points from the goal, relative to `before_m`, and their bearings."""
-
-STEP_M = FETCH.base_linear_speed_m_s / CONTROL_HZ
-STEP_RAD = FETCH.base_angular_speed_rad_s / CONTROL_HZ
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,12 +120,14 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
     Returns:
         `Failure.EXECUTION` if the goal is not reached by the robot's deadline.
     """
+    # Straight back first: a turn in front of furniture would sweep the arm along it.
     yield from leave(robot, map_, config)
     wheels = Wheels(robot, config)
     before = _before(map_, goal, config)
     while robot.steps_left > 0:
         here = robot.base[:2]
         last = goal if before is None else before
+        # No detour by the turning point where the goal is straight ahead already.
         if before is not None and map_.clear(here, goal[:2]) and _behind(here, goal):
             last = goal
         arrived = yield from _along(wheels, path_between(map_, here, last[:2])[1:])
@@ -94,6 +153,7 @@ def _at(robot: Robot, goal: Array, config: DriveConfig) -> bool:
 def _along(wheels: Wheels[DriveConfig], points_m: Array) -> Generator[Command, None, bool]:
     """Drives through waypoints (P, 2) and stops at the last; returns whether it was reached."""
     robot, config = wheels.robot, wheels.config
+    step_m = robot.spec.base_step_m
     wheels.free()
     for number, point in enumerate(points_m):
         last = number == len(points_m) - 1
@@ -112,9 +172,9 @@ def _along(wheels: Wheels[DriveConfig], points_m: Array) -> Generator[Command, N
                 turn = angle(turn + math.pi, 0.0)
             forward = 0.0
             if abs(turn) < config.turn_first_rad:
-                forward = sign * (gap_m / (config.brake_steps * STEP_M) if last else 1.0)
+                forward = sign * (gap_m / (config.brake_steps * step_m) if last else 1.0)
                 forward *= min(1.0, 2.0 * (1.0 - abs(turn) / config.turn_first_rad))
-            yield wheels.roll(forward, config.turn_gain * turn / STEP_RAD)
+            yield wheels.roll(forward, config.turn_gain * turn / robot.spec.base_step_rad)
     yield from wheels.stop()
     return True
 
@@ -126,7 +186,7 @@ def _turn(wheels: Wheels[DriveConfig], yaw_rad: float) -> Generator[Command, Non
     while abs(turn := angle(yaw_rad, robot.base[2])) > config.arrived_rad:
         if wheels.stuck:
             return False
-        yield wheels.roll(0.0, config.turn_gain * turn / STEP_RAD)
+        yield wheels.roll(0.0, config.turn_gain * turn / robot.spec.base_step_rad)
     yield from wheels.stop()
     return True
 
@@ -184,6 +244,7 @@ def _before(map_: NavigationMap, goal: Array, config: DriveConfig) -> Array | No
             point = goal[:2] - share * config.before_m * ahead
             if map_.clear(point, entry) and map_.clearance_m(point) >= config.turning_m:
                 return np.append(point, yaw_rad)
+    # Rather turn with too little room for the arm than not go there.
     return None if config.turning_m == 0 else _before(map_, goal, replace(config, turning_m=0.0))
 
 

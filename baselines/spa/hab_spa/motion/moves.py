@@ -1,4 +1,4 @@
-"""Building blocks of the skills: wait, follow a path, plan and move."""
+"""Building blocks of the skills: wait, follow a path, plan and move, rest (S App. D, I.1)."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import time
 from collections.abc import Callable, Generator
 from dataclasses import replace
 
+import numpy as np
 from hab_plans.motion import Command, Failure, Motion
+from hab_plans.protocols import PathResult
 
-from hab_spa.motion.follow import Follower
+from hab_spa.motion.follow import Follower, TimingConfig, time_path_within
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.path import TimingConfig, time_path_within
-from hab_spa.results import GoalResult
+from hab_spa.planning.escape import escape
+from hab_spa.planning.joint_goal import sample_rest_goals
 from hab_spa.shapes import Array
 
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
@@ -55,6 +57,7 @@ def follow(
         `intact` returned False.
     """
     config = robot.config
+    # Settling comes after the path, and needs steps too.
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
     following = config.follow if near_rad is None else replace(config.follow, settled_rad=near_rad)
     follower = Follower(time_path_within(path, steps, timing or config.timing), following)
@@ -62,20 +65,23 @@ def follow(
         target = follower.advance(robot.scene.arm_qpos)
         if follower.bumped:
             robot.scene.met(follower.rest[:MEETING_STEPS])
+            # Where the arm came from was free a moment ago; nothing else is known to be.
             for passed in follower.way_back[BACK_OFF]:
                 yield robot.command(passed)
         blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
         if blocked or not intact():
+            # Targets ahead of the arm would go on pushing against the obstacle.
             robot.relax()
             return Failure.EXECUTION
         if follower.settled(robot.scene.arm_qpos):
+            # Not yielded, which would cost a step: it is noted as what the next motion starts from.
             robot.command(target)
             return None
         yield robot.command(target)
 
 
-def sampled(robot: Robot, sample: Callable[[], GoalResult]) -> GoalResult:
-    """Samples joint goals, and adds the time to the robot's timings."""
+def sampled(robot: Robot, sample: Callable[[], Array]) -> Array:
+    """Samples joint goals (G, 7), and adds the time to the robot's timings."""
     began = time.perf_counter()
     goals = sample()
     robot.spend("target", time.perf_counter() - began)
@@ -100,3 +106,75 @@ def go(
     if result.path is None:
         return result.failure
     return (yield from follow(robot, result.path, share, intact, near_rad=near_rad))
+
+
+TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
+"""Arm pose with arm, hand and held object above the base, within 0.35 m of its center."""
+
+
+def rest(
+    robot: Robot,
+    intact: Callable[[], bool] = lambda: True,
+    without: str | None = None,
+    timing: TimingConfig | None = None,
+    plan: PlanConfig | None = None,
+) -> Motion:
+    """Moves the arm to rest; first escapes from contact in a straight line.
+
+    Args:
+        robot: The robot.
+        intact: Whether to continue; called at every step.
+        without: Name of a body that may be touched.
+        timing: Speed limits; the robot's by default.
+        plan: Parameters of the motion planner; the robot's by default.
+    """
+    robot.doing = "rest"
+    began = time.perf_counter()
+    collision = robot.scene.collision(without=without)
+    goals = sample_rest_goals(collision, robot.kinematics, robot.next_seed(), robot.config.goal)
+    robot.spend("target", time.perf_counter() - began)
+    if not len(goals):
+        return Failure.TARGET_PLAN
+    result = _way_back(robot, collision, goals, plan or robot.config.plan)
+    robot.spend("motion", result.seconds)
+    if result.path is None:
+        return result.failure
+    return (yield from follow(robot, result.path, RETURN_SHARE, intact, timing))
+
+
+def draw_out(robot: Robot, near_rad: float) -> Motion:
+    """Retracts the hand from contact in a straight line, if there is a free one.
+
+    Args:
+        robot: The robot.
+        near_rad: Joint tolerance at the end of the line.
+    """
+    robot.doing = "draw out"
+    began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
+    path = escape(robot.scene.collision(), robot.kinematics, start, robot.config.escape)
+    robot.spend("motion", time.perf_counter() - began)
+    if len(path) > 1:
+        yield from follow(robot, path, share=0.0, near_rad=near_rad)
+    return None
+
+
+def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanConfig) -> PathResult:
+    """Escapes from contact, then plans; without an escape, the plan starts in contact."""
+    began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
+    config = robot.config
+    way_out = escape(collision, robot.kinematics, start, config.escape)
+    if not len(way_out):
+        way_out = start[None]
+    result = config.planner.plan(
+        way_out[-1],
+        goals,
+        collision,
+        seed=robot.next_seed(),
+        limits=plan,
+        touch_m=config.escape.touch_m,
+        # The start is the tight end here: the hand is at an object, or in a fridge.
+        backwards=True,
+    )
+    if result.path is not None:
+        result = replace(result, path=np.concatenate((way_out, result.path[1:])))
+    return replace(result, seconds=time.perf_counter() - began)

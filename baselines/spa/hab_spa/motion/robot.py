@@ -10,19 +10,18 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure
 from hab_plans.protocols import MotionPlanner, PathResult
 
-from hab_spa.motion.follow import FollowConfig
+from hab_spa.motion.follow import FollowConfig, TimingConfig
 from hab_spa.planning.arm_plan import PLANNERS, BatchedPlanner, OmplPlanner, PlanConfig
 from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm, pose_table
 from hab_spa.planning.escape import EscapeConfig
-from hab_spa.planning.ik import BatchArm
+from hab_spa.planning.ik import BatchArm, CompiledArm, pose_table
 from hab_spa.planning.joint_goal import GoalConfig
-from hab_spa.planning.path import TimingConfig
 from hab_spa.planning.place_goal import PlacingConfig
 from hab_spa.scenes.scene import Scene
 from hab_spa.shapes import Array
 from hab_tasks.errors import UnknownNameError
+from hab_tasks.robots.spec import RobotSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,8 +49,8 @@ class SpaConfig:
     planner: MotionPlanner[ArmCollision, PlanConfig] = field(default_factory=OmplPlanner)
     kinematics: type[BatchArm] = BatchArm
 
-    def planned_by(self, name: str) -> SpaConfig:
-        """Returns the parameters with a planner by name.
+    def planned_by(self, name: str, robot: RobotSpec) -> SpaConfig:
+        """Returns the parameters with a planner by name, for a robot.
 
         Raises:
             UnknownNameError: There is no such planner.
@@ -61,7 +60,7 @@ class SpaConfig:
         if name == "ompl":
             return replace(self, planner=OmplPlanner(), kinematics=BatchArm)
         search_kernel()  # compiled or read here, not in the first plan
-        pose_table()
+        pose_table(robot)
         return replace(self, planner=BatchedPlanner(), kinematics=CompiledArm)
 
 
@@ -71,6 +70,7 @@ class Robot:
     Attributes:
         scene: Scene model.
         config: Parameters of the skills.
+        spec: Its specification.
         kinematics: Kinematics of the arm.
         gripper: Gripper entry of the commands.
         steps: Number of commands executed in this episode.
@@ -87,7 +87,9 @@ class Robot:
 
     def __init__(self, scene: Scene, config: SpaConfig, *, seed: int, deadline: int) -> None:
         """Starts an episode, after `scene` has processed its first observation."""
-        self.scene, self.config, self.kinematics = scene, config, config.kinematics()
+        self.scene, self.config, self.spec = scene, config, scene.robot
+        self.kinematics = config.kinematics(scene.robot)
+        # An episode of Place begins with the object in the hand.
         self.gripper = GRASP if scene.holding else RELEASE
         self.steps, self.deadline, self.doing = 0, deadline, ""
         self.timings_s = {"target": 0.0, "motion": 0.0, "plan": 0.0}

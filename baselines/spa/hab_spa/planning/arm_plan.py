@@ -12,7 +12,7 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
+from functools import cache
 from itertools import count, pairwise, product
 
 import numpy as np
@@ -21,12 +21,11 @@ from hab_plans.protocols import PathResult
 
 from hab_spa.planning import batched, rrt
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
 from hab_spa.planning.escape import EscapeConfig, retreats
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm
+from hab_spa.planning.ik import BatchArm, CompiledArm
 from hab_spa.planning.rrt import Limit, RrtConfig, edge_is_free, path_is_free
 from hab_spa.shapes import Array
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 
 LIMIT_SLACK_RAD = 1e-6
 
@@ -90,20 +89,18 @@ class OmplPlanner:
     """Plans by straight edges, retreats and OMPL's RRT-Connect.
 
     Attributes:
+        kinematics: Class of the arm's kinematics.
         connect, shorten: Run RRT-Connect and simplify its path; see `rrt`.
         first_free: Finds a pose that a straight edge reaches.
         effort: Multiple of the limits' maximum number of checks.
     """
 
     effort = 1
+    kinematics: type[BatchArm] = BatchArm
 
     connect = staticmethod(rrt.connect)
     shorten = staticmethod(rrt.shorten)
     first_free = staticmethod(rrt.first_free)
-
-    @cached_property
-    def _arm(self) -> BatchArm:
-        return BatchArm()
 
     def plan(
         self,
@@ -126,12 +123,15 @@ class OmplPlanner:
         """
         if not len(goals):
             raise ValueError("A motion planner needs at least one goal.")
-        within = (goals > LOWER_RAD - LIMIT_SLACK_RAD) & (goals < UPPER_RAD + LIMIT_SLACK_RAD)
+        lower, upper = world.limits_rad
+        # Samplers clip to the limits, so that a goal may lie on one.
+        within = (goals > lower - LIMIT_SLACK_RAD) & (goals < upper + LIMIT_SLACK_RAD)
         if not within.all():
             goal, joint = np.argwhere(~within)[0]
+            name = world.robot.arm_joints[joint]
             raise ValueError(
-                f"goal {goal}: joint {FETCH.arm_joints[joint]} at {goals[goal, joint]:.3f} rad is "
-                f"beyond {LOWER_RAD[joint]:.3f} to {UPPER_RAD[joint]:.3f} rad."
+                f"goal {goal}: joint {name} at {goals[goal, joint]:.3f} rad is "
+                f"beyond {lower[joint]:.3f} to {upper[joint]:.3f} rad."
             )
         if backwards:
             # Leaving a tight place is reaching it, backwards: the search always ends there.
@@ -139,7 +139,8 @@ class OmplPlanner:
         else:
             ends = [Ends(open=start, tight=goal) for goal in goals]
         limits = replace(limits, most_checks=self.effort * limits.most_checks)
-        result = _Search(self, world, self._arm, ends, limits, touch_m).run(seed)
+        arm = _arm(self.kinematics, world.robot)
+        result = _Search(self, world, arm, ends, limits, touch_m).run(seed)
         if backwards and result.path is not None:
             result = replace(result, path=result.path[::-1])
         return result
@@ -149,18 +150,21 @@ class BatchedPlanner(OmplPlanner):
     """As `OmplPlanner`, with compiled searches and kinematics; its checks are cheaper."""
 
     effort = 3
+    kinematics = CompiledArm
 
     connect = staticmethod(batched.connect)
     shorten = staticmethod(batched.shorten)
     first_free = staticmethod(batched.first_free)
 
-    @cached_property
-    def _arm(self) -> BatchArm:
-        return CompiledArm()
-
 
 PLANNERS = {"ompl": OmplPlanner, "batched": BatchedPlanner}
 """Option ``planner``."""
+
+
+@cache
+def _arm(kinematics: type[BatchArm], robot: RobotSpec) -> BatchArm:
+    """Returns the kinematics of a robot, made once, as every skill plans several times."""
+    return kinematics(robot)
 
 
 def path_rad(path: Array) -> float:
@@ -219,11 +223,13 @@ class _Search:
         """Yields straight edges, one run with the paper's range, then ever longer runs."""
         config, margins_m = self._config, self._config.margins_m
         pairs = range(len(self._ends))
+        # At all margins before any search, which costs far more.
         for margin_m, retreats_, pair in product(margins_m, (False, True), pairs):
             yield _Attempt(margin_m, pair, retreats_, range_rad=0.0, checks=0)
         # Once only, as its small range rarely pays in tight places (`PlanConfig`).
         yield _Attempt(margins_m[0], 0, False, config.range_rad, config.first_checks)
         for power in count():
+            # A hard problem gets a long run, but only after short ones have failed.
             checks = config.first_checks * 2**power
             for margin_m in margins_m:
                 roomy = sorted(pairs, key=lambda pair, m=margin_m: -self._retreat_steps(m, pair))

@@ -122,6 +122,7 @@ class Outlines:
     vertices_m: list[Array]
 
 
+# Weak, so that the outlines go with the bodies of a scene that was rebuilt.
 _outlines: WeakKeyDictionary[CollisionBody, Outlines] = WeakKeyDictionary()
 
 
@@ -162,6 +163,7 @@ def _local_m(shape: CollisionShape) -> Array:
         inside = ((shape.vertices_m.mean(axis=0) - a) * normals).sum(axis=1)
         depth = ((lower + upper) / 2 - a) * normals * np.sign(inside)[:, None]
         inner = max(-1.0, float(depth.sum(axis=1).min()))
+    # What is inside the box of a cylinder may be outside of the cylinder.
     elif shape.kind != "cylinder":
         inner = float((upper - lower).min() / 2)
     return np.array((*lower, *upper, radius, np.linalg.norm(upper - lower) / 2, inner))
@@ -215,6 +217,7 @@ def groups_of(bodies: Sequence[str], joint: NDArray[np.int64], local_m: Array, p
 def packed(vertices_m: Sequence[Array]) -> tuple[Array, NDArray[np.int64]]:
     """Returns vertices (3, V) of all shapes, and the first and the one after the last of each."""
     ends = np.cumsum([0, *(len(vertices) for vertices in vertices_m)])
+    # By coordinate, which lets the kernel run over vertices with vector instructions.
     joined = np.concatenate((np.zeros((0, 3)), *vertices_m)).T
     return np.ascontiguousarray(joined), np.stack((ends[:-1], ends[1:]), axis=1)
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from hab_spa.planning import rrt
 from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.planning.rrt import DIMENSION, Limit, RrtConfig
 from hab_spa.shapes import Array
 
@@ -24,7 +23,9 @@ def connect(
         return rrt.connect(collision, start, goal, seed, limit, config)
     trees, parents = np.empty((2, MOST_NODES, DIMENSION)), np.zeros((2, MOST_NODES), dtype=np.int64)
     trees[0, 0], trees[1, 0] = start, goal
-    samples = np.random.default_rng(seed).uniform(LOWER_RAD, UPPER_RAD, (MOST_NODES, DIMENSION))
+    rng = np.random.default_rng(seed)
+    # Drawn here, as numba's generator is seeded apart from numpy's.
+    samples = rng.uniform(*collision.limits_rad, (MOST_NODES, DIMENSION))
     checks = np.zeros(1, dtype=np.int64)
     met = search_kernel().connect(
         collision.shapes,

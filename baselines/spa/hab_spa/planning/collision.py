@@ -9,20 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cache, cached_property
 from xml.etree import ElementTree
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
 from hab_spa.planning import batch
-from hab_spa.planning.coal_model import CoalModel, Contact
-from hab_spa.planning.items import Items, Obstacle, collect
+from hab_spa.planning.items import CoalModel, Contact, Items, Obstacle, collect
 from hab_spa.shapes import Array, invert_pose, standing, within_body
 from hab_tasks.privileged import PrivilegedState
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 
 TORSO_JOINT = "torso_lift_joint"
 
@@ -45,21 +43,15 @@ def within(reach_m: float | None) -> CollisionConfig:
     return CollisionConfig() if reach_m is None else CollisionConfig(reach_m=reach_m)
 
 
-@lru_cache(maxsize=1)
-def shared_arm_model() -> tuple[pin.Model, int]:
-    """Returns the arm's model and the id of its frame ``ee``; built once, do not modify."""
-    return arm_model(FETCH)
-
-
-@lru_cache(maxsize=1)
-def allowed_link_pairs() -> frozenset[frozenset[str]]:
+@cache
+def allowed_link_pairs(robot: RobotSpec) -> frozenset[frozenset[str]]:
     """Returns the link pairs that are not checked: adjacent links, and those of the SRDF."""
     pairs = set()
-    for joint in ElementTree.parse(FETCH.urdf_path()).getroot().iter("joint"):
+    for joint in ElementTree.parse(robot.urdf_path()).getroot().iter("joint"):
         parent, child = joint.find("parent"), joint.find("child")
         if parent is not None and child is not None:
             pairs.add(frozenset((parent.get("link", ""), child.get("link", ""))))
-    srdf = ElementTree.parse(FETCH.urdf_path().with_suffix(".srdf")).getroot()
+    srdf = ElementTree.parse(robot.urdf_path().with_suffix(".srdf")).getroot()
     for entry in srdf.iter("disable_collisions"):
         pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
     return frozenset(pairs)
@@ -71,14 +63,17 @@ class ArmCollision:
     A compiled kernel answers where it is certain, coal elsewhere (`CoalModel`).
 
     Attributes:
+        robot: The robot.
+        limits_rad: Lower and upper limits (7,) of its arm.
         checks: Number of collision checks so far.
-        base_from_arm: (4, 4) pose of the arm model's root (torso as in `FETCH.locked_qpos`) in
+        base_from_arm: (4, 4) pose of the arm model's root (torso as in `robot.locked_qpos`) in
             the base frame; differs from the identity when the torso stands elsewhere.
         arm_from_world: (4, 4) pose of the world in the frame of that root.
     """
 
     def __init__(
         self,
+        robot: RobotSpec,
         state: PrivilegedState,
         held: str | None = None,
         config: CollisionConfig | None = None,
@@ -87,7 +82,8 @@ class ArmCollision:
         """Builds the model.
 
         Args:
-            state: The robot and the bodies around it.
+            robot: The robot.
+            state: Its state, and the bodies around it.
             held: Name of the body that moves with the gripper.
             config: Parameters.
             obstacles: Additional obstacles.
@@ -96,15 +92,16 @@ class ArmCollision:
             ValueError: A shape or pose is not finite, or the arm has no shapes.
         """
         self.config = config or CollisionConfig()
-        self.checks = 0
-        self._state, (self._model, _) = state, shared_arm_model()
+        self.robot, self.checks = robot, 0
+        self.limits_rad = np.array(robot.arm_lower_rad), np.array(robot.arm_upper_rad)
+        self._state, (self._model, _) = state, arm_model(robot)
         # By body; what lies in a drawer is looked up in the initial state, once.
         self._moving: dict[str, NDArray[np.intp]] = {}
         self.base_from_arm = np.eye(4)
-        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - FETCH.locked_qpos[TORSO_JOINT]
+        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - robot.locked_qpos[TORSO_JOINT]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         reach_m = self.config.reach_m
-        self._items = collect(state, held, obstacles, self._model, self.arm_from_world, reach_m)
+        self._items = collect(robot, state, held, obstacles, self.arm_from_world, reach_m)
         self._scene = np.flatnonzero(self._items.role == "scene")
         self._stated = invert_pose(self.arm_from_world) @ self._items.pose[self._scene]
         self._placed = self._stated.copy()
@@ -119,6 +116,8 @@ class ArmCollision:
         """Returns the number of arm poses (B, 7) [rad] before the first that is not free."""
         first = 0
         while first < len(poses):
+            # The kernel stops at the first pose that it does not call free; coal is
+            # asked about that.
             answers = self._answers(poses[first:], until_other=True)
             first += len(answers)
             if not self._confirmed(answers[-1], poses[first - 1]):
@@ -184,6 +183,7 @@ class ArmCollision:
         qpos = np.ascontiguousarray(qpos[None], dtype=np.float64)
         found = batch.kernel().undecided(self._shapes, qpos, pairs, given)
         pairs = pairs[:found][np.isin(given[:found], answers)]
+        # Sorted, so that the order does not depend on how the kernel goes through bodies.
         return sorted(self._number[pairs[:, 0] - self._statics, pairs[:, 1]].tolist())
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
@@ -243,6 +243,8 @@ class ArmCollision:
         The model still contains only shapes within `reach_m` of the initial shoulder position.
         """
         arm_from_world = self.arm_from_world_at(base)
+        # Searches set the same pose again and again, and placing all shapes takes longer
+        # than a check.
         if not np.array_equal(arm_from_world, self.arm_from_world):
             self.arm_from_world = arm_from_world
             self._place(np.arange(len(self._scene)))
@@ -337,14 +339,14 @@ class ArmCollision:
 
     def _own_pairs(self) -> NDArray[np.int64]:
         """Returns the self-collision pairs (P, 2), without pairs in contact at the rest pose."""
-        items, allowed = self._items, allowed_link_pairs()
+        items, allowed = self._items, allowed_link_pairs(self.robot)
         arm, own = items.role == "arm", np.isin(items.role, ("arm", "robot"))
         paired = np.logical_and.outer(arm, own) & (items.link[:, None] != items.link)
         pairs = np.argwhere(np.triu(paired | paired.T, 1))
         pairs = pairs[[frozenset(both) not in allowed for both in items.link[pairs].tolist()]]
         self._use_pairs(pairs)
         # Convex hulls overlap where links do not; the rest pose is known to be free.
-        rest = np.array(FETCH.rest_qpos_rad)
+        rest = np.array(self.robot.rest_qpos_rad)
         touching = [
             pair
             for pair in self._undecided(rest, batch.UNSURE)

@@ -137,6 +137,7 @@ def _line(
     """Yields the arm poses (7,) along a line, as far as the arm can follow it."""
     goal, qpos = arm.ee_pose(start).copy(), start
     for _ in range(steps):
+        # From the last goal, not from where the hand has got to: deviations would add up.
         goal[:3, 3] += np.array(direction) * config.step_m
         qpos = arm.track_pose(qpos, goal, steps=3, turn_weight_m=config.turn_weight_m)
         if np.linalg.norm(arm.ee_pose(qpos)[:3, 3] - goal[:3, 3]) > config.drift_m:

@@ -228,6 +228,7 @@ def gjk(
         along = dot(v, _corner(w, count))
         if along > 0.0 and along * along > gap2 * over_m * over_m:
             return FREE
+        # No point lies nearer, so that this is the distance, and too near the margin to decide.
         if count and gap2 - along <= 1e-12 * gap2:
             return UNSURE
         count += 1

@@ -8,23 +8,15 @@ near rest.
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from hab_plans.motion import Failure
 
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.compiled_arm import CompiledArm
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, IkConfig, Tool
-from hab_spa.results import GoalResult
+from hab_spa.planning.ik import BatchArm, CompiledArm, IkConfig, Tool
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.robots.fetch import FETCH
-
-REST_RAD = np.array(FETCH.rest_qpos_rad)
-WRIST_ROLL = 6
 
 JUDGE_SEED = 0
 """Seed for scoring base poses, the same for all."""
@@ -113,24 +105,24 @@ class Search:
     plenty: int = 4
     tool: Tool | None = None
 
-    def run(self, collision: ArmCollision, arm: BatchArm, ik: IkConfig) -> tuple[Array, int]:
-        """Returns the poses (B, 7) free at the smallest margin, and the number of starts."""
-        free, samples, roomy = np.zeros((0, 7)), 0, 0
+    def run(self, collision: ArmCollision, arm: BatchArm, ik: IkConfig) -> Array:
+        """Returns the poses (B, 7) that are free at the smallest margin."""
+        free, roomy = np.zeros((0, 7)), 0
         for _ in range(self.rounds):
             starts, targets_m = self.draw()
-            samples += len(starts)
             targets_m = in_arm(targets_m, collision)
             solutions, reached = arm.solve(starts, targets_m, ik, self.tool)
             found = solutions[reached]
             if self.tool is None:
-                found = _with_rest_roll(found)
+                found = _with_rest_roll(found, arm)
             found = free_poses(found, collision, self.margins_m[-1])
             # All are kept, as goals with small margins follow where roomy ones are too few.
             free = np.concatenate((free, found))
+            # Roomy ones end the search, as a path into a corner is hard to find.
             roomy += len(free_poses(found, collision, self.margins_m[0]))
             if roomy >= self.enough or len(free) >= self.plenty * self.enough:
                 break
-        return free, samples
+        return free
 
 
 def sample_reaching_goals(
@@ -140,8 +132,8 @@ def sample_reaching_goals(
     seed: int,
     config: GoalConfig,
     near: Array | None = None,
-) -> GoalResult:
-    """Samples arm poses with the end-effector at one of the points.
+) -> Array:
+    """Returns goals (G, 7) with the end-effector at one of the points; none are found: (0, 7).
 
     With an arm pose `near` (7,), half of the starts are around it, and goals near it come first.
 
@@ -157,42 +149,53 @@ def sample_reaching_goals(
     batch_m = np.repeat(points_m, config.round_starts, axis=0)
 
     def draw() -> tuple[Array, Array]:
-        starts = rng.uniform(LOWER_RAD, UPPER_RAD, (len(batch_m), 7))
+        starts = arm.random(rng, len(batch_m))
         if near is not None:
             drawn = near + rng.normal(scale=config.tight_spread_rad, size=starts.shape)
             # The others stay random: the pose near may be one from which nothing is found.
-            starts[::2] = np.clip(drawn, LOWER_RAD, UPPER_RAD)[::2]
+            starts[::2] = np.clip(drawn, *arm.limits_rad)[::2]
         return starts, batch_m
 
-    def cost(poses: Array) -> Array:
-        return rest_distance(poses) if near is None else np.linalg.norm(poses - near, axis=1)
-
-    if isinstance(arm, CompiledArm) and len(points_m):
-        found = seeded_goals(points_m, collision, arm, seed, config, cost)
-        if found.failure is None:
-            return found
     search = Search(
         draw=draw,
         rounds=config.starts_per_point // config.round_starts if len(points_m) else 0,
         enough=config.enough,
         margins_m=config.margins_m,
     )
-    return found_by(search, collision, arm, config, cost)
+    first = arm.rest_rad if near is None else near
+    return _goals_near(first, points_m, search, collision, arm, seed, config)
 
 
 def sample_tight_goals(
     points_m: Array, collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
-) -> GoalResult:
+) -> Array:
     """Samples as `sample_reaching_goals`, by `tight_search`."""
+    search = tight_search(points_m, arm, seed, config)
+    return _goals_near(arm.rest_rad, points_m, search, collision, arm, seed, config)
+
+
+def _goals_near(
+    near: Array,
+    points_m: Array,
+    search: Search,
+    collision: ArmCollision,
+    arm: BatchArm,
+    seed: int,
+    config: GoalConfig,
+) -> Array:
+    """Returns goals, those near an arm pose (7,) first: of the arm's table or else of a search."""
+
+    def cost(poses: Array) -> Array:
+        return np.linalg.norm(poses - near, axis=1)
+
     if isinstance(arm, CompiledArm) and len(points_m):
-        found = seeded_goals(points_m, collision, arm, seed, config, rest_distance)
-        if found.failure is None:
+        found = _seeded_goals(points_m, collision, arm, seed, config, cost)
+        if len(found):
             return found
-    search = tight_search(points_m, seed, config)
-    return found_by(search, collision, arm, config, rest_distance)
+    return found_by(search, collision, arm, config, cost)
 
 
-def tight_search(points_m: Array, seed: int, config: GoalConfig) -> Search:
+def tight_search(points_m: Array, arm: BatchArm, seed: int, config: GoalConfig) -> Search:
     """Returns the search for arm poses with the hand at one of many points, started near rest.
 
     On a shelf or in a fridge, the hand has to point straight in, as few random poses do.
@@ -200,7 +203,7 @@ def tight_search(points_m: Array, seed: int, config: GoalConfig) -> Search:
     rng = np.random.default_rng(seed)
 
     def draw() -> tuple[Array, Array]:
-        starts = near_rest(rng, config.tight_round, config.tight_spread_rad)
+        starts = near_rest(arm, rng, config.tight_round, config.tight_spread_rad)
         return starts, points_m[rng.integers(len(points_m), size=len(starts))]
 
     return Search(
@@ -213,27 +216,20 @@ def tight_search(points_m: Array, seed: int, config: GoalConfig) -> Search:
 
 def sample_rest_goals(
     collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
-) -> GoalResult:
-    """Samples resting arm poses: the resting pose itself, then alternatives near it.
+) -> Array:
+    """Returns resting arm poses (G, 7): the resting pose itself, or else alternatives near it.
 
     With a held object the exact pose may collide; the episode only requires the end-effector to
     be near the resting position.
     """
-    began, checks_before = time.perf_counter(), collision.checks
     for margin_m in config.margins_m:
         collision.set_margin(margin_m)
-        if collision.is_free(REST_RAD):
-            return GoalResult(
-                goals=REST_RAD[None],
-                failure=None,
-                seconds=time.perf_counter() - began,
-                samples=0,
-                checks=collision.checks - checks_before,
-            )
+        if collision.is_free(arm.rest_rad):
+            return arm.rest_rad[None]
     rng = np.random.default_rng(seed)
 
     def draw() -> tuple[Array, Array]:
-        starts = near_rest(rng, config.round_starts * 4, config.rest_spread_rad)
+        starts = near_rest(arm, rng, config.round_starts * 4, config.rest_spread_rad)
         offset_m = rng.normal(size=(len(starts), 3))
         offset_m *= config.rest_radius_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
         rest_m = np.array(REST_POSITION_M) - collision.base_from_arm[:3, 3]
@@ -242,13 +238,17 @@ def sample_rest_goals(
         return starts, targets_m @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
 
     search = Search(draw=draw, rounds=4, enough=1, margins_m=config.margins_m)
-    return found_by(search, collision, arm, config, rest_distance)
+
+    def cost(poses: Array) -> Array:
+        return np.linalg.norm(poses - arm.rest_rad, axis=1)
+
+    return found_by(search, collision, arm, config, cost)
 
 
 def count_goals(search: Search, collision: ArmCollision, arm: BatchArm, config: GoalConfig) -> int:
     """Returns the number of arm poses free at the smallest margin, from one round of a search."""
     once = replace(search, rounds=1, margins_m=search.margins_m[-1:])
-    return len(once.run(collision, arm, config.ik)[0])
+    return len(once.run(collision, arm, config.ik))
 
 
 def found_by(
@@ -257,8 +257,8 @@ def found_by(
     arm: BatchArm,
     config: GoalConfig,
     cost: Callable[[Array], Array],
-) -> GoalResult:
-    """Returns the goals of a search: those with the largest margin, lowest cost first.
+) -> Array:
+    """Returns the goals (G, 7) of a search: those with the largest margin, lowest cost first.
 
     If these are too few, goals with smaller margins follow.
 
@@ -269,61 +269,44 @@ def found_by(
         config: Parameters.
         cost: Costs of arm poses, (B, 7) -> (B,).
     """
-    began, checks_before = time.perf_counter(), collision.checks
-    poses, samples = search.run(collision, arm, config.ik)
-    goals = _roomiest(poses, collision, search.margins_m, config, cost)
-    return GoalResult(
-        goals=goals,
-        failure=None if len(goals) else Failure.TARGET_PLAN,
-        seconds=time.perf_counter() - began,
-        samples=samples,
-        checks=collision.checks - checks_before,
-    )
+    poses = search.run(collision, arm, config.ik)
+    return _roomiest(poses, collision, search.margins_m, config, cost)
 
 
-def seeded_goals(
+def _seeded_goals(
     points_m: Array,
     collision: ArmCollision,
     arm: CompiledArm,
     seed: int,
     config: GoalConfig,
     cost: Callable[[Array], Array],
-) -> GoalResult:
+) -> Array:
     """Returns goals as `found_by`, from a table of arm poses near the points, cheapest first.
 
     The search ends with enough goals of the largest margin, so that few poses are checked.
     """
-    began, checks_before = time.perf_counter(), collision.checks
     rng = np.random.default_rng(seed)
     if len(points_m) > config.seeded_points:
         points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
     count = config.seeded_starts // len(points_m)
     starts, targets_m = arm.starts.near(in_arm(points_m, collision), count)
+    # The table is the same for every seed, but another attempt needs other starts.
     starts, targets_m = starts[keep := rng.random(len(starts)) < 0.5], targets_m[keep]
+    # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
     found, roomy = np.zeros((0, 7)), np.zeros((0, 7))
-    samples = 0
     for first in range(0, len(order), config.seeded_round):
         chosen = order[first : first + config.seeded_round]
-        samples += len(chosen)
         poses, reached = arm.solve(starts[chosen], targets_m[chosen], config.ik)
-        poses = _with_rest_roll(poses[reached])
+        poses = _with_rest_roll(poses[reached], arm)
         found = np.concatenate((found, poses))
         # The others differ in the roll only, and are farther from rest.
         poses = poses[: len(poses) // 2]
         roomy = np.concatenate((roomy, free_poses(poses, collision, config.margins_m[0])))
         goals = apart(roomy[np.argsort(cost(roomy), kind="stable")], config)
         if len(goals) == config.goals:
-            break
-    else:
-        goals = _roomiest(found, collision, config.margins_m, config, cost)
-    return GoalResult(
-        goals=goals,
-        failure=None if len(goals) else Failure.TARGET_PLAN,
-        seconds=time.perf_counter() - began,
-        samples=samples,
-        checks=collision.checks - checks_before,
-    )
+            return goals
+    return _roomiest(found, collision, config.margins_m, config, cost)
 
 
 def _roomiest(
@@ -362,15 +345,10 @@ def in_arm(points_m: Array, collision: ArmCollision) -> Array:
     return points_m @ arm_from_world[:3, :3].T + arm_from_world[:3, 3]
 
 
-def near_rest(rng: np.random.Generator, count: int, spread_rad: float) -> Array:
+def near_rest(arm: BatchArm, rng: np.random.Generator, count: int, spread_rad: float) -> Array:
     """Samples arm poses (count, 7) around the resting pose."""
-    drawn = REST_RAD + rng.normal(scale=spread_rad, size=(count, 7))
-    return np.clip(drawn, LOWER_RAD, UPPER_RAD)
-
-
-def rest_distance(poses: Array) -> Array:
-    """Returns the distances (B,) [rad] of arm poses (B, 7) from the resting pose."""
-    return np.linalg.norm(poses - REST_RAD, axis=1)
+    drawn = arm.rest_rad + rng.normal(scale=spread_rad, size=(count, len(arm.rest_rad)))
+    return np.clip(drawn, *arm.limits_rad)
 
 
 def free_poses(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
@@ -390,11 +368,11 @@ def apart(poses: Array, config: GoalConfig) -> Array:
     return np.array(chosen).reshape(-1, 7)
 
 
-def _with_rest_roll(solutions: Array) -> Array:
+def _with_rest_roll(solutions: Array, arm: BatchArm) -> Array:
     """Prepends copies of solutions (B, 7) with the resting wrist roll.
 
     The roll does not move the end-effector point, so the copies are solutions too, nearer to rest.
     """
     copies = solutions.copy()
-    copies[:, WRIST_ROLL] = REST_RAD[WRIST_ROLL]
+    copies[:, -1] = arm.rest_rad[-1]
     return np.concatenate((copies, solutions))

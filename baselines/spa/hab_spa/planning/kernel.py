@@ -156,6 +156,7 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
     if shapes.span[other, 2] == VOXELS:
         return _voxels(shapes, work, moving, other, margin_m)
     v = to(there, here)
+    # -1 m where no sphere is known within the other shape, which makes the sum negative.
     inner_m += max(local_m[other, 8], -1.0)
     if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
         return HIT

@@ -11,16 +11,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, BatchArm, Tool
-from hab_spa.planning.joint_goal import (
-    GoalConfig,
-    Search,
-    found_by,
-    in_arm,
-    near_rest,
-    rest_distance,
-)
-from hab_spa.results import GoalResult
+from hab_spa.planning.ik import BatchArm, Tool
+from hab_spa.planning.joint_goal import GoalConfig, Search, found_by, in_arm, near_rest
 from hab_spa.shapes import Array
 
 
@@ -63,8 +55,8 @@ def sample_placing_goals(
     seed: int,
     config: GoalConfig,
     placing: PlacingConfig,
-) -> GoalResult:
-    """Samples arm poses with the held object at its goal, low and upright ones first.
+) -> Array:
+    """Returns goals (G, 7) with the held object at its goal, low and upright ones first.
 
     Args:
         goal_m: (3,) in the world.
@@ -80,23 +72,24 @@ def sample_placing_goals(
     def cost(poses: Array) -> Array:
         height_m = arm.points_m(poses, tool)[:, 2] - above_m
         tilt_rad = arm.tilts_rad(poses, tool)
-        far_rad = rest_distance(poses)
+        far_rad = np.linalg.norm(poses - arm.rest_rad, axis=1)
         return height_m + placing.tilt_cost_m * tilt_rad + placing.rest_cost_m * far_rad
 
-    search = lowering(goal_m, tool, seed, config, placing)
+    search = lowering(goal_m, tool, arm, seed, config, placing)
     return found_by(search, collision, arm, config, cost)
 
 
 def lowering(
-    goal_m: Array, tool: Tool, seed: int, config: GoalConfig, placing: PlacingConfig
+    goal_m: Array, tool: Tool, arm: BatchArm, seed: int, config: GoalConfig, placing: PlacingConfig
 ) -> Search:
     """Returns the search for arm poses with the held object at its goal (3,) or slightly above."""
     rng = np.random.default_rng(seed)
 
     def draw() -> tuple[Array, Array]:
         half = placing.round_starts // 2
-        random = rng.uniform(LOWER_RAD, UPPER_RAD, (half, 7))
-        starts = np.concatenate((random, near_rest(rng, half, config.tight_spread_rad)))
+        starts = np.concatenate(
+            (arm.random(rng, half), near_rest(arm, rng, half, config.tight_spread_rad))
+        )
         targets_m = np.tile(goal_m, (len(starts), 1))
         targets_m[:, 2] += rng.choice(placing.heights_m, len(starts))
         angle = rng.uniform(0.0, 2.0 * np.pi, len(starts))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
@@ -14,10 +13,10 @@ from ompl import geometric as og
 from ompl import util as ou
 
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
 from hab_spa.shapes import Array
 
 DIMENSION = 7
+"""Number of joints of an arm; the compiled kernels are made for as many."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,9 +86,10 @@ def connect(
 ) -> Array | None:
     """Runs RRT-Connect once from `start` (7,) to `goal` (7,); returns a path (K, 7) or None."""
     last_check = collision.checks + limit.checks
-    information = _space_information(collision.is_free, seed, config)
+    information = _space_information(collision, seed, config)
     problem = ob.ProblemDefinition(information)
-    problem.setStartAndGoalStates(_state(information, start), _state(information, goal))
+    ends = (_state(information, pose, collision.limits_rad) for pose in (start, goal))
+    problem.setStartAndGoalStates(*ends)
     planner = og.RRTConnect(information)
     planner.setRange(config.range_rad)
     planner.setProblemDefinition(problem)
@@ -110,10 +110,12 @@ def shorten(
     collision: ArmCollision, path: Array, seed: int, deadline_s: float, config: RrtConfig
 ) -> Array:
     """Shortens a free path (K, 7) with OMPL's simplifier; ends are kept, the result is free."""
-    information = _space_information(collision.is_free, seed, config)
-    simplified = og.PathGeometric(information, [_state(information, pose) for pose in path])
+    information = _space_information(collision, seed, config)
+    states = [_state(information, pose, collision.limits_rad) for pose in path]
+    simplified = og.PathGeometric(information, states)
     simplifier = og.PathSimplifier(information)
     length = simplified.length()
+    # Passes instead of OMPL's own time limit, on which results would depend.
     for _ in range(config.passes):
         if time.perf_counter() >= deadline_s:
             break
@@ -130,16 +132,16 @@ def _poses(path: Any) -> list[list[float]]:
 
 
 def _space_information(
-    is_free: Callable[[Array], bool], seed: int, config: RrtConfig
+    collision: ArmCollision, seed: int, config: RrtConfig
 ) -> ob.SpaceInformation:
     """Returns the joint space with a validity checker, and seeds OMPL's random numbers."""
     # OMPL warns that existing generators keep their seeds; only new ones are used here.
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     ou.RNG.setSeed(seed % (2**31 - 1) + 1)
     bounds = ob.RealVectorBounds(DIMENSION)
-    for i in range(DIMENSION):
-        bounds.setLow(i, float(LOWER_RAD[i]))
-        bounds.setHigh(i, float(UPPER_RAD[i]))
+    for i, (low, high) in enumerate(zip(*collision.limits_rad, strict=True)):
+        bounds.setLow(i, float(low))
+        bounds.setHigh(i, float(high))
     space = ob.RealVectorStateSpace(DIMENSION)
     space.setBounds(bounds)
     information = ob.SpaceInformation(space)
@@ -148,17 +150,18 @@ def _space_information(
     def is_valid(state: Any) -> bool:
         for i in range(DIMENSION):
             pose[i] = state[i]
-        return bool(is_free(pose))  # OMPL rejects numpy's bool
+        return bool(collision.is_free(pose))  # OMPL rejects numpy's bool
 
     information.setStateValidityChecker(is_valid)
+    # OMPL takes the resolution as a share of the space's diagonal.
     information.setStateValidityCheckingResolution(config.resolution_rad / space.getMaximumExtent())
     information.setup()
     return information
 
 
-def _state(information: ob.SpaceInformation, pose: Array) -> Any:
+def _state(information: ob.SpaceInformation, pose: Array, limits_rad: tuple[Array, Array]) -> Any:
     # The stubs declare the base class, which has no items; states of a vector space do.
     state: Any = information.allocState()
-    for i, value in enumerate(np.clip(pose, LOWER_RAD, UPPER_RAD)):
+    for i, value in enumerate(np.clip(pose, *limits_rad)):
         state[i] = float(value)
     return state

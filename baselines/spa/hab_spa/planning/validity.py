@@ -15,12 +15,11 @@ import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no
 import sapien
 import torch
 
-from hab_spa.planning.collision import ArmCollision, CollisionConfig, shared_arm_model
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD
-from hab_spa.planning.items import MOVING_LINKS
+from hab_spa.planning.collision import ArmCollision, CollisionConfig
+from hab_spa.planning.items import moving_links
 from hab_spa.shapes import Array
 from hab_tasks.privileged import PrivilegedState
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.simulator import sapien_object
 
 STEP_S = 1e-6
@@ -45,8 +44,8 @@ class SimulatorCheck:
         self._robot: Any = sapien_object(core.agent.robot)
         self._arm, self._qpos = core.agent.arm_index.tolist(), self._robot.get_qpos()
         links: Any = {link.name: sapien_object(link) for link in core.agent.robot.links}
-        self._hand = links[FETCH.ee_link]
-        self._moving = {links[name].entity.per_scene_id for name in MOVING_LINKS}
+        self._hand = links[core.robot.ee_link]
+        self._moving = {links[name].entity.per_scene_id for name in moving_links(core.robot)}
         self._held, self._hand_from_held = _held(scene, state), sapien.Pose()
         if self._held is not None:
             self._moving.add(self._held.per_scene_id)
@@ -153,11 +152,12 @@ def agreement(env: Any, count: int, seed: int) -> Agreement:
         count: Number of poses.
         seed: Seed of the poses.
     """
-    state = env.unwrapped.privileged()[0]
-    model = ArmCollision(state, held=state.held, config=CollisionConfig(margin_m=0.0))
+    core = env.unwrapped
+    state = core.privileged()[0]
+    model = ArmCollision(core.robot, state, state.held, CollisionConfig(margin_m=0.0))
     simulator = SimulatorCheck(env)
     touching = disagreements = far = 0
-    for pose in np.random.default_rng(seed).uniform(LOWER_RAD, UPPER_RAD, (count, 7)):
+    for pose in np.random.default_rng(seed).uniform(*model.limits_rad, (count, 7)):
         free = simulator.is_free(pose)
         touching += not free
         if free != model.is_free(pose):
@@ -171,7 +171,7 @@ class BroadPhaseCheck:
 
     def __init__(self, model: ArmCollision) -> None:
         """Takes the current placements and margins of a model."""
-        items, self._arm = model.items, shared_arm_model()[0]
+        items, self._arm = model.items, arm_model(model.robot)[0]
         geometry, paired = pin.GeometryModel(), np.zeros((len(items.joint),) * 2, dtype=bool)
         for number, (shape, offset) in enumerate(items.geometries()):
             joint, pose = int(items.joint[number]), pin.SE3(items.pose[number] @ offset)
@@ -201,7 +201,7 @@ def kernel_agreement(model: ArmCollision, count: int, seed: int) -> tuple[int, i
     Returns:
         Numbers of poses, of different answers, and of poses that only the model calls free.
     """
-    poses = np.random.default_rng(seed).uniform(LOWER_RAD, UPPER_RAD, (count, 7))
+    poses = np.random.default_rng(seed).uniform(*model.limits_rad, (count, 7))
     free = model.are_free(poses)
     clear, blocked = (poses[which][: min(free.sum(), (~free).sum())] for which in (free, ~free))
     for _ in range(10):  # within millimetres of contact

@@ -30,7 +30,7 @@ from hab_spa.recording.dataset_stats import Stats, merge_stats, nested, stats_of
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import OptionError
 from hab_tasks.robots.control import control_configs
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 
 try:
     import pyarrow as pa
@@ -88,12 +88,13 @@ class EpisodeEntry:
     stats: Mapping[str, Stats]
 
 
-def write_dataset(trajectory: Path, folder: Path) -> None:
+def write_dataset(trajectory: Path, folder: Path, robot: RobotSpec) -> None:
     """Writes a dataset.
 
     Args:
         trajectory: The .h5 file of a recording, with its .json beside it.
         folder: Output folder; it is created.
+        robot: The robot.
     """
     recording = json.loads(trajectory.with_suffix(".json").read_text(encoding="utf-8"))
     features: dict[str, Feature] = {}
@@ -102,7 +103,7 @@ def write_dataset(trajectory: Path, folder: Path) -> None:
     with h5py.File(trajectory) as file, _DataFiles(folder) as data:
         for number, entry in enumerate(recording["episodes"]):
             group: Any = file[f"traj_{entry['episode_id']}"]
-            frames, features = _frames(group, entry["control_mode"])
+            frames, features = _frames(group, action_names(robot, entry["control_mode"]))
             start = entries[-1].start + entries[-1].length if entries else 0
             frames |= _indices(len(frames["action"]), number, start, tasks.index(entry["task"]))
             features |= _index_features(frames)
@@ -117,17 +118,17 @@ def write_dataset(trajectory: Path, folder: Path) -> None:
                     stats={name: stats_of(frames[name]) for name in features},
                 )
             )
-    _write_meta(folder, features, tasks, entries)
+    _write_meta(folder, features, tasks, entries, robot.uid)
 
 
-def action_names(control_mode: str) -> tuple[str, ...]:
+def action_names(robot: RobotSpec, control_mode: str) -> tuple[str, ...]:
     """Returns the names of the entries of a control mode's action."""
-    config = control_configs(FETCH)[control_mode]
+    config = control_configs(robot)[control_mode]
     if config.base == "discrete":
         return ("cell",)
     arm = {"still": (), "ee": ("ee_x", "ee_y", "ee_z", "gripper")}
     base = {"still": (), "velocity": ("forward", "turn"), "pose": ("base_x", "base_y", "base_yaw")}
-    return (*arm.get(config.arm, (*FETCH.arm_joints, "gripper")), *base[config.base])
+    return (*arm.get(config.arm, (*robot.arm_joints, "gripper")), *base[config.base])
 
 
 class _DataFiles:
@@ -158,7 +159,7 @@ class _DataFiles:
         return self._number
 
 
-def _frames(group: Any, control_mode: str) -> tuple[Frames, dict[str, Feature]]:
+def _frames(group: Any, actions_are: tuple[str, ...]) -> tuple[Frames, dict[str, Feature]]:
     """Returns the frames of an episode's group: observations, actions, rewards and flags."""
     actions = np.asarray(group["actions"], dtype=np.float32)
     count = len(actions)
@@ -180,7 +181,7 @@ def _frames(group: Any, control_mode: str) -> tuple[Frames, dict[str, Feature]]:
     }
     features["observation.state"] = Feature(dtype="float32", shape=state.shape[1:], names=names)
     features["action"] = Feature(
-        dtype="float32", shape=frames["action"].shape[1:], names=action_names(control_mode)
+        dtype="float32", shape=frames["action"].shape[1:], names=actions_are
     )
     for name, pictures in _pictures_in(obs):
         frames[name] = pictures[:count]
@@ -250,7 +251,11 @@ def _numbered(path: str, file: int) -> str:
 
 
 def _write_meta(
-    folder: Path, features: Mapping[str, Feature], tasks: list[str], entries: list[EpisodeEntry]
+    folder: Path,
+    features: Mapping[str, Feature],
+    tasks: list[str],
+    entries: list[EpisodeEntry],
+    robot: str,
 ) -> None:
     """Writes everything under `meta`."""
     episodes = folder / _numbered(EPISODES_PATH, 0)
@@ -263,7 +268,7 @@ def _write_meta(
     frames = sum(entry.length for entry in entries)
     info = {
         "codebase_version": VERSION,
-        "robot_type": FETCH.uid,
+        "robot_type": robot,
         "total_episodes": len(entries),
         "total_frames": frames,
         "total_tasks": len(tasks),

@@ -150,7 +150,8 @@ def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
         if not solved:
             targets = []
         elif plan.lerobot:
-            lerobot_format.write_dataset(scratch / f"{NAME}.h5", scratch / LEROBOT)
+            robot = ENVS[imported_id(plan.config.env)].env.robot
+            lerobot_format.write_dataset(scratch / f"{NAME}.h5", scratch / LEROBOT, robot)
         for target in targets:
             written = scratch / target.name
             if written.is_dir():

@@ -9,11 +9,17 @@ from hab_plans.belief import Scene as Beliefs
 
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import NavigationMap
 
 
 class Scene(Beliefs, Protocol):
     """The robot's model of the world at the current step."""
+
+    @property
+    def robot(self) -> RobotSpec:
+        """Specification of the robot."""
+        ...
 
     def forget(self) -> None:
         """Starts a new episode."""
@@ -45,11 +51,7 @@ class Scene(Beliefs, Protocol):
         ...
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model of the arm and the held object.
 

@@ -16,15 +16,14 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.fitted_box import BoxConfig, FittedBox, fit_box, other_things_m
-from hab_spa.sensing.held_box import HELD, HeldBox
-from hab_spa.sensing.octree import octrees
-from hab_spa.sensing.own_shapes import PREFIX, inside_robot, own_bodies, own_poses
+from hab_spa.sensing.fitted_box import HELD, BoxConfig, FittedBox, HeldBox, fit_box, other_things_m
+from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
+from hab_spa.sensing.voxels import octrees
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import NavigationMap
 
 CAMERAS = ("head", "arm")
@@ -90,10 +89,10 @@ class SeenScene:
     Doors, drawers and oracle navigation's floor are of the privileged group (S App. D is silent).
     """
 
-    def __init__(self, config: SeenConfig | None = None) -> None:
+    def __init__(self, robot: RobotSpec, config: SeenConfig | None = None) -> None:
         """Creates the scene of one row."""
-        self.config = config or SeenConfig()
-        self._arm, self.truth = BatchArm(), TrueScene()
+        self.robot, self.config, self._own = robot, config or SeenConfig(), own_shapes(robot)
+        self._arm, self.truth = BatchArm(robot), TrueScene(robot)
         self.forget()
 
     def forget(self) -> None:
@@ -140,7 +139,9 @@ class SeenScene:
         if self._pose is None:
             privileged = "privileged" in self._obs
             self._pose = (
-                self.truth.world_from_base if privileged else world_from_base(self._obs, self._row)
+                self.truth.world_from_base
+                if privileged
+                else world_from_base(self.robot, self._obs, self._row)
             )
         return self._pose
 
@@ -211,24 +212,20 @@ class SeenScene:
         if self._looked:
             return
         self._looked = True
-        poses, shoulder_m = own_poses(self.world_from_base, self.arm_qpos), self._shoulder_m
+        poses, shoulder_m = self._own.poses(self.world_from_base, self.arm_qpos), self._shoulder_m
         for camera in CAMERAS:
             view = DepthView.read(self._obs, camera, self._row)
             pixels = ((view.points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
             points_m = view.points_m[pixels]
             world = pixels.copy()
-            of_robot = inside_robot(points_m, poses, self.config.own_margin_m)
+            of_robot = self._own.contain(points_m, poses, self.config.own_margin_m)
             if self.holding and self._hand is None:
                 self._find_held(points_m[~of_robot])
             world[pixels] = ~of_robot & ~self._in_hand(points_m, self.config.held_margin_m)
             self.map.add(view, world)
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model with the map's obstacles; see `Scene.collision`."""
         self.look()
@@ -251,7 +248,9 @@ class SeenScene:
                 centres_m[~self._cleared(centres_m, size_m, here, without)], size_m, config.cell_m
             )
         ]
-        return ArmCollision(there, held=there.held, config=within(reach_m), obstacles=obstacles)
+        return ArmCollision(
+            self.robot, there, held=there.held, config=within(reach_m), obstacles=obstacles
+        )
 
     def taking(self, number: int, world_from_ee: Array) -> None:
         """Returns None: the extent of the object is known only after the grasp."""
@@ -280,20 +279,20 @@ class SeenScene:
         It is in the volume of the arm at these poses, outside its current volume, and unseen.
         """
         self.look()
-        here = own_poses(self.world_from_base, self.arm_qpos)
+        here = self._own.poses(self.world_from_base, self.arm_qpos)
         found = [np.zeros((0, 3))]
         for pose in path:
-            there = own_poses(self.world_from_base, pose)
-            gripper_m = there[PREFIX + FETCH.ee_link][:3, 3]
+            there = self._own.poses(self.world_from_base, pose)
+            gripper_m = there[f"{self.robot.uid}/{self.robot.ee_link}"][:3, 3]
             points_m = gripper_m + _GRID_M
-            new = inside_robot(points_m, there, 0.0)
-            new[new] = ~inside_robot(points_m[new], here, self.config.touch_margin_m)
+            new = self._own.contain(points_m, there, 0.0)
+            new[new] = ~self._own.contain(points_m[new], here, self.config.touch_margin_m)
             found.append(points_m[new])
         self.map.add_contacts(np.concatenate(found))
 
     def _meets(self, pose: Array, points_m: Array) -> bool:
         """Whether the arm in a pose (7,), or the held object, contains any of the points (K, 3)."""
-        if inside_robot(points_m, own_poses(self.world_from_base, pose), 0.0).any():
+        if self._own.contain(points_m, self._own.poses(self.world_from_base, pose), 0.0).any():
             return True
         if self._hand is None:
             return False
@@ -310,7 +309,7 @@ class SeenScene:
     ) -> NDArray[np.bool_]:
         """Whether voxels (V, 3) are of the robot, the held object or the body `without`."""
         corner_m = size_m * 3**0.5 / 2  # half a voxel's diagonal
-        cleared = inside_robot(
+        cleared = self._own.contain(
             centres_m, here.world_from_body, self.config.touch_margin_m + corner_m
         )
         cleared |= self._in_hand(centres_m, self.config.touch_margin_m + corner_m)
@@ -322,7 +321,7 @@ class SeenScene:
 
     def _believed(self) -> PrivilegedState:
         """Returns the believed state of the robot and the held object."""
-        bodies, poses = own_bodies(), own_poses(self.world_from_base, self.arm_qpos)
+        bodies, poses = self._own.bodies, self._own.poses(self.world_from_base, self.arm_qpos)
         if self._hand is not None:
             poses[HELD] = self._world_from_ee() @ self._hand.ee_from_box
             bodies = (*bodies, self._hand.body(self._largest_m))
@@ -332,7 +331,7 @@ class SeenScene:
             world_from_body=poses,
             world_from_base=self.world_from_base,
             arm_qpos=self.arm_qpos,
-            locked_qpos=FETCH.locked_qpos,
+            locked_qpos=self.robot.locked_qpos,
             held=None if self._hand is None else HELD,
             object_com_m={},
             targets=(),

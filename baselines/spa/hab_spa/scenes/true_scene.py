@@ -15,16 +15,16 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import NavigationMap
 
 
 class TrueScene:
     """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`."""
 
-    def __init__(self, config: GraspConfig | None = None) -> None:
+    def __init__(self, robot: RobotSpec, config: GraspConfig | None = None) -> None:
         """Creates the scene of one row."""
-        self._config = config or GraspConfig()
+        self.robot, self._config = robot, config or GraspConfig()
         self._floor: tuple[PrivilegedState, NavigationMap] | None = None
         self._obs: Mapping[str, Any] = {}
         self._row = 0
@@ -100,18 +100,14 @@ class TrueScene:
     opening = known_opening
 
     def collision(
-        self,
-        *,
-        base: Array | None = None,
-        without: str | None = None,
-        reach_m: float | None = None,
+        self, *, base: Array | None = None, without: str | None = None, reach_m: float | None = None
     ) -> ArmCollision:
         """Returns the collision model with the simulator's own shapes; see `Scene.collision`."""
         state = self.state if base is None else standing_at(self.state, base)
         if without is not None:
             poses = {n: pose for n, pose in state.world_from_body.items() if n != without}
             state = replace(state, world_from_body=poses)
-        return ArmCollision(state, held=state.held, config=within(reach_m))
+        return ArmCollision(self.robot, state, held=state.held, config=within(reach_m))
 
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision:
         """Returns the collision model with an object grasped at an end-effector pose (4, 4)."""
@@ -119,7 +115,7 @@ class TrueScene:
         # The model needs the object's pose relative to the current hand.
         poses[name] = self._world_from_ee() @ invert_pose(world_from_ee) @ poses[name]
         state = replace(self.state, world_from_body=poses)
-        return ArmCollision(state, held=name)
+        return ArmCollision(self.robot, state, held=name)
 
     def in_the_way(self, path: Array) -> bool:
         """Returns False: all obstacles were known when the path was planned."""
@@ -147,10 +143,10 @@ class TrueScene:
     def _world_from_ee(self) -> Array:
         poses = self.state.world_from_body
         gripper = next(
-            pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == FETCH.ee_link
+            pose for name, pose in poses.items() if name.rsplit("/", 1)[-1] == self.robot.ee_link
         )
         ee = gripper.copy()
-        ee[:3, 3] += gripper[:3, 0] * FETCH.ee_offset_m
+        ee[:3, 3] += gripper[:3, 0] * self.robot.ee_offset_m
         return ee
 
 

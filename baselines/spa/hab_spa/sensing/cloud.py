@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
 from hab_tasks.robots.cameras import camera_pose
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.spec import RobotSpec
 
 _SAPIEN_FROM_CAMERA = np.array(
     ((0.0, 0.0, 1.0, 0.0), (-1.0, 0.0, 0.0, 0.0), (0.0, -1.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
@@ -94,9 +94,9 @@ def world_from_camera(obs: Mapping[str, Any], camera: str, row: int) -> Array:
     return invert_pose(camera_from_world)
 
 
-def world_from_base(obs: Mapping[str, Any], row: int) -> Array:
+def world_from_base(robot: RobotSpec, obs: Mapping[str, Any], row: int) -> Array:
     """Returns the pose (4, 4) of the base frame, to which the head camera is fixed."""
-    base_from_sapien = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
+    base_from_sapien = camera_pose(robot.cameras["head"]).to_transformation_matrix().astype(float)
     base_from_camera = base_from_sapien @ _SAPIEN_FROM_CAMERA
     return world_from_camera(obs, "head", row) @ invert_pose(base_from_camera)
 

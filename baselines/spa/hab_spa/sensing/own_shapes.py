@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import lru_cache
+from functools import cache
 from xml.etree import ElementTree
 
 import numpy as np
@@ -12,102 +12,103 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.distance import cdist
 
-from hab_spa.planning.collision import shared_arm_model
 from hab_spa.shapes import Array
 from hab_tasks.privileged import CollisionBody, CollisionShape
-from hab_tasks.robots.fetch import FETCH
-
-PREFIX = f"{FETCH.uid}/"
-"""Prefix of body names, as in the simulator."""
+from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 
 
-@lru_cache(maxsize=1)
-def own_bodies() -> tuple[CollisionBody, ...]:
-    """Returns one body per link with collision meshes, of their convex hulls."""
-    bodies = []
-    for link in ElementTree.parse(FETCH.urdf_path()).getroot().iter("link"):
-        shapes = [_hull(collision) for collision in link.findall("collision")]
-        if shapes:
-            name = PREFIX + link.get("name", "")
-            bodies.append(CollisionBody(name=name, group="robot", shapes=tuple(shapes)))
-    return tuple(bodies)
+class OwnShapes:
+    """Collision shapes of a robot.
 
-
-def own_poses(world_from_base: Array, arm_rad: Array) -> dict[str, Array]:
-    """Returns the pose (4, 4) of each body; torso, head and fingers are locked.
-
-    Args:
-        world_from_base: (4, 4) pose of base_link.
-        arm_rad: (7,) joint positions of the arm.
+    Attributes:
+        bodies: One body per link with collision meshes, of their convex hulls.
     """
-    model, _ = shared_arm_model()
-    data = model.createData()
-    pin.forwardKinematics(model, data, arm_rad)
-    pin.updateFramePlacements(model, data)
-    names = [body.name for body in own_bodies()]
-    return {
-        name: world_from_base @ data.oMf[model.getFrameId(name[len(PREFIX) :])].homogeneous
-        for name in names
-    }
 
-
-def inside_robot(points_m: Array, poses: Mapping[str, Array], margin_m: float) -> NDArray[np.bool_]:
-    """Whether world points (K, 3) are inside the robot or within about `margin_m` of it.
-
-    Args:
-        points_m: The points.
-        poses: Poses of the bodies, from `own_poses`.
-        margin_m: Enlargement of the hulls; larger at corners.
-    """
-    directions = _directions()
-    inside = np.zeros(len(points_m), dtype=bool)
-    outlines = _outlines()
-    frames = [poses[name] for name, *_ in outlines]
-    centres_m = np.array(
-        [
-            pose[:3, :3] @ centre_m + pose[:3, 3]
-            for pose, (_, _, centre_m, _) in zip(frames, outlines, strict=True)
+    def __init__(self, robot: RobotSpec) -> None:
+        """Loads the meshes."""
+        self._robot, self._model = robot, arm_model(robot)[0]
+        links = ElementTree.parse(robot.urdf_path()).getroot().iter("link")
+        hulls = {
+            # As in the simulator, the robot is the prefix of its bodies' names.
+            f"{robot.uid}/{link.get('name')}": [_hull(robot, c) for c in link.findall("collision")]
+            for link in links
+        }
+        self.bodies = tuple(
+            CollisionBody(name=name, group="robot", shapes=tuple(shapes))
+            for name, shapes in hulls.items()
+            if shapes
+        )
+        # More directions of the outlines are not worth it, given the margin.
+        icosphere = trimesh.creation.icosphere(subdivisions=1)
+        self._directions = np.asarray(icosphere.vertices, dtype=float)  # (D, 3)
+        self._outlines = [
+            (body.name, *self._outline(shape)) for body in self.bodies for shape in body.shapes
         ]
-    )
-    gaps_m2 = cdist(centres_m, points_m, "sqeuclidean")
-    for pose, at_m, gap_m2, outline in zip(frames, centres_m, gaps_m2, outlines, strict=True):
-        _, heights_m, _, radius_m = outline
-        near = np.flatnonzero(gap_m2 <= (radius_m + margin_m) ** 2)
-        along_m = (points_m[near] - at_m) @ (pose[:3, :3] @ directions.T)
-        inside[near[(along_m <= heights_m + margin_m).all(axis=1)]] = True
-    return inside
+
+    def poses(self, world_from_base: Array, arm_rad: Array) -> dict[str, Array]:
+        """Returns the pose (4, 4) of each body; torso, head and fingers are locked.
+
+        Args:
+            world_from_base: (4, 4) pose of base_link.
+            arm_rad: (7,) joint positions of the arm.
+        """
+        model, data = self._model, self._model.createData()
+        pin.forwardKinematics(model, data, arm_rad)
+        pin.updateFramePlacements(model, data)
+        frames = {body.name: model.getFrameId(body.name.split("/")[1]) for body in self.bodies}
+        return {n: world_from_base @ data.oMf[k].homogeneous for n, k in frames.items()}
+
+    def contain(
+        self, points_m: Array, poses: Mapping[str, Array], margin_m: float
+    ) -> NDArray[np.bool_]:
+        """Whether world points (K, 3) are inside the robot or within about `margin_m` of it.
+
+        Args:
+            points_m: The points.
+            poses: Poses of the bodies, from `poses`.
+            margin_m: Enlargement of the hulls; larger at corners.
+        """
+        inside = np.zeros(len(points_m), dtype=bool)
+        frames = [poses[name] for name, *_ in self._outlines]
+        centres_m = np.array(
+            [
+                pose[:3, :3] @ centre_m + pose[:3, 3]
+                for pose, (_, _, centre_m, _) in zip(frames, self._outlines, strict=True)
+            ]
+        )
+        gaps_m2 = cdist(centres_m, points_m, "sqeuclidean")
+        entries = zip(frames, centres_m, gaps_m2, self._outlines, strict=True)
+        for pose, at_m, gap_m2, (_, heights_m, _, radius_m) in entries:
+            near = np.flatnonzero(gap_m2 <= (radius_m + margin_m) ** 2)
+            along_m = (points_m[near] - at_m) @ (pose[:3, :3] @ self._directions.T)
+            inside[near[(along_m <= heights_m + margin_m).all(axis=1)]] = True
+        return inside
+
+    def _outline(self, shape: CollisionShape) -> tuple[Array, Array, float]:
+        """Returns a hull's extents (D,), centre (3,) in the body's frame, and radius."""
+        pose = shape.body_from_shape
+        vertices_m = shape.vertices_m @ pose[:3, :3].T + pose[:3, 3]
+        centre_m = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
+        reach_m = vertices_m - centre_m
+        heights_m = (reach_m @ self._directions.T).max(axis=0)
+        return heights_m, centre_m, float(np.linalg.norm(reach_m, axis=1).max())
 
 
-@lru_cache(maxsize=1)
-def _directions() -> Array:
-    """Returns directions (D, 3) of the hulls' outlines; more are not worth it given the margin."""
-    return np.asarray(trimesh.creation.icosphere(subdivisions=1).vertices, dtype=float)
+@cache
+def own_shapes(robot: RobotSpec) -> OwnShapes:
+    """Returns a robot's shapes; loaded once a process."""
+    return OwnShapes(robot)
 
 
-@lru_cache(maxsize=1)
-def _outlines() -> tuple[tuple[str, Array, Array, float], ...]:
-    """Returns (body, extents (D,), centre (3,) in the body's frame, radius) of each hull."""
-    found = []
-    for body in own_bodies():
-        for shape in body.shapes:
-            pose = shape.body_from_shape
-            vertices_m = shape.vertices_m @ pose[:3, :3].T + pose[:3, 3]
-            centre_m = (vertices_m.min(axis=0) + vertices_m.max(axis=0)) / 2
-            reach_m = vertices_m - centre_m
-            heights_m = (reach_m @ _directions().T).max(axis=0)
-            radius_m = float(np.linalg.norm(reach_m, axis=1).max())
-            found.append((body.name, heights_m, centre_m, radius_m))
-    return tuple(found)
-
-
-def _hull(collision: ElementTree.Element) -> CollisionShape:
+def _hull(robot: RobotSpec, collision: ElementTree.Element) -> CollisionShape:
     """Returns the convex hull of a collision mesh, the only supported kind of shape."""
     mesh = collision.find("geometry/mesh")
     if mesh is None:
         raise ValueError(
-            f"{FETCH.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
+            f"{robot.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
         )
-    loaded = trimesh.load_mesh(FETCH.urdf_path().parent / mesh.get("filename", ""))
+    loaded = trimesh.load_mesh(robot.urdf_path().parent / mesh.get("filename", ""))
     hull = loaded.convex_hull
     return CollisionShape(
         kind="convex",

@@ -8,12 +8,11 @@ from dataclasses import dataclass, field
 import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 
-from hab_spa.motion.moves import follow, wait
-from hab_spa.motion.rest import rest
+from hab_spa.motion.follow import TimingConfig
+from hab_spa.motion.moves import follow, rest, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.path import TimingConfig
 from hab_spa.shapes import Array
 from hab_spa.skills.drawer_lines import HandleLines, Line, LineConfig
 from hab_tasks.articulations import DRAWER

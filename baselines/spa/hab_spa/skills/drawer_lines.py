@@ -12,12 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_spa.motion.robot import Robot
-from hab_spa.planning.ik import LOWER_RAD, UPPER_RAD, IkConfig
+from hab_spa.planning.ik import IkConfig
 from hab_spa.shapes import Array
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.fetch import FETCH
-
-REST_RAD = np.array(FETCH.rest_qpos_rad)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -133,7 +130,7 @@ class HandleLines:
     def _grasps(self, rng: np.random.Generator, at: int) -> Array:
         """Returns collision-free arm poses (B, 7) with the hand at the handle after `at` steps."""
         config, robot = self._config, self._robot
-        starts = rng.uniform(LOWER_RAD, UPPER_RAD, (config.starts, 7))
+        starts = robot.kinematics.random(rng, config.starts)
         targets_m = np.repeat(self._handle_m(at)[None], config.starts, axis=0)
         poses, found = robot.kinematics.solve(starts, targets_m, robot.config.goal.ik)
         poses = poses[found]
@@ -170,7 +167,7 @@ class HandleLines:
         roomy = self._are_free(firsts, 0, room_m).astype(int)
         roomy += whole & self._are_free(lasts, self._steps, room_m)
         far_rad = np.abs(firsts - self._robot.scene.arm_qpos).max(axis=1)
-        far_rad += np.abs(lasts - REST_RAD).max(axis=1)
+        far_rad += np.abs(lasts - self._robot.kinematics.rest_rad).max(axis=1)
         return [lines[i] for i in np.lexsort((far_rad, -roomy))]
 
     def _free(self, line: Array) -> int:

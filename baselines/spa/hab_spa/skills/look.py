@@ -16,7 +16,6 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import apart, in_arm, near_rest
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.shapes import Array
-from hab_tasks.robots.fetch import FETCH
 
 ASIDE_RAD = (
     (-0.93, -1.22, 0.15, 0.75, -0.01, 2.16, -0.01),
@@ -24,11 +23,6 @@ ASIDE_RAD = (
     (-1.10, -1.22, 0.30, 0.48, 0.19, 2.16, -0.01),
 )
 """Arm poses near the resting pose that do not occlude the head camera."""
-
-EE_FROM_CAMERA_M = np.array(FETCH.cameras["arm"].position_m) - np.array(
-    (FETCH.ee_offset_m, 0.0, 0.0)
-)
-"""Position of the hand camera in the end-effector's frame; it looks along x."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -78,7 +72,7 @@ def look_closer(
     collision = scene.collision()
     object_m = in_arm(scene.object_m(number)[None], collision)[0]
     rng = np.random.default_rng(robot.next_seed())
-    poses = near_rest(rng, config.poses, config.spread_rad)
+    poses = near_rest(robot.kinematics, rng, config.poses, config.spread_rad)
     poses = poses[_shows(robot.kinematics, poses, object_m, config)]
     poses = poses[np.argsort(np.abs(poses - scene.arm_qpos).max(axis=1))]
     collision.set_margin(config.margin_m)
@@ -111,10 +105,13 @@ def _shows(arm: BatchArm, poses: Array, object_m: Array, config: LookConfig) -> 
         object_m: (3,) position of the object in the arm's frame.
         config: Limits of a good view.
     """
+    # The hand camera looks along x, in the direction of the gripper.
+    ee_from_camera_m = np.array(arm.robot.cameras["arm"].position_m)
+    ee_from_camera_m[0] -= arm.robot.ee_offset_m
     shown = []
     for pose in poses:
         arm_from_ee = arm.ee_pose(pose)
-        offset_m = object_m - (arm_from_ee[:3, :3] @ EE_FROM_CAMERA_M + arm_from_ee[:3, 3])
+        offset_m = object_m - (arm_from_ee[:3, :3] @ ee_from_camera_m + arm_from_ee[:3, 3])
         distance_m = float(np.linalg.norm(offset_m))
         angle_rad = np.arccos(np.clip(arm_from_ee[:3, 0] @ offset_m / distance_m, -1.0, 1.0))
         down_rad = np.arcsin(-offset_m[2] / distance_m)

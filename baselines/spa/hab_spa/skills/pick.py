@@ -9,8 +9,7 @@ from functools import partial
 import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 
-from hab_spa.motion.moves import go, sampled
-from hab_spa.motion.rest import rest
+from hab_spa.motion.moves import go, rest, sampled
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import escape
@@ -52,7 +51,7 @@ def pick_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
     starts = effort * config.judge_starts
     few = replace(config, tight_starts=starts, tight_round=starts)
     points_m = robot.scene.grasp_points_m(number, around=True)
-    search = tight_search(points_m, JUDGE_SEED, few)
+    search = tight_search(points_m, robot.kinematics, JUDGE_SEED, few)
     return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config)
 
 
@@ -81,14 +80,14 @@ def _reach(robot: Robot, number: int, around: bool) -> Motion:
         robot,
         partial(sample, points_m, collision, robot.kinematics, robot.next_seed(), config.goal),
     )
-    if goals.failure is not None:
-        return goals.failure
+    if not len(goals):
+        return Failure.TARGET_PLAN
     began = time.perf_counter()
-    chosen = _with_way_out(robot, number, collision, goals.goals)
+    chosen = _with_way_out(robot, number, collision, goals)
     robot.spend("target", time.perf_counter() - began)
     if not len(chosen) and not around:
         return Failure.TARGET_PLAN
-    return (yield from go(robot, collision, chosen if len(chosen) else goals.goals))
+    return (yield from go(robot, collision, chosen if len(chosen) else goals))
 
 
 def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Array) -> Array:

@@ -7,8 +7,7 @@ from dataclasses import replace
 
 from hab_plans.motion import RELEASE, Command, Failure, Motion
 
-from hab_spa.motion.moves import go, sampled, wait
-from hab_spa.motion.rest import rest
+from hab_spa.motion.moves import go, rest, sampled, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.ik import Tool
 from hab_spa.planning.joint_goal import JUDGE_SEED, count_goals
@@ -47,7 +46,9 @@ def place_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
     """
     config = robot.config
     few = replace(config.placing, round_starts=effort * config.goal.judge_starts)
-    search = lowering(robot.scene.goal_m(number), _tool(robot), JUDGE_SEED, config.goal, few)
+    search = lowering(
+        robot.scene.goal_m(number), _tool(robot), robot.kinematics, JUDGE_SEED, config.goal, few
+    )
     return count_goals(search, robot.scene.collision(base=base), robot.kinematics, config.goal)
 
 
@@ -77,9 +78,9 @@ def _bring(robot: Robot, number: int, attempt: int) -> Motion:
             placing,
         ),
     )
-    if goals.failure is not None:
-        return goals.failure
-    return (yield from go(robot, collision, goals.goals, intact=lambda: scene.holds(number)))
+    if not len(goals):
+        return Failure.TARGET_PLAN
+    return (yield from go(robot, collision, goals, intact=lambda: scene.holds(number)))
 
 
 def _let_go(robot: Robot) -> Generator[Command, None, None]:

@@ -1,4 +1,4 @@
-"""Navigators of TP+SPA: oracle and learned policies (S H.2, Navigate)."""
+"""Between planned skills: the arm comes to rest; an oracle or policy drives the base (S H.2)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,22 @@ import torch
 from hab_eval.run.load_agent import load_agent
 from hab_plans.belief import point_of
 from hab_plans.motion import Failure, Motion
+from hab_plans.motion_log import MotionLog
 from hab_plans.protocols import BasePose, NavigationRequest
+from hab_plans.stage import Stage
 
-from hab_spa.motion.drive import DriveConfig, drive_to
+from hab_spa.motion.drive import DriveConfig, drive_to, leave
+from hab_spa.motion.moves import rest
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array, invert_pose
-from hab_spa.tasks.standing import fold
+from hab_spa.tasks.planned_skills import fold
 from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
-from hab_tasks.constants import NAVIGATE_HORIZON_STEPS
+from hab_tasks.constants import (
+    NAVIGATE_HORIZON_STEPS,
+    REST_POSITION_M,
+    REST_RADIUS_M,
+    SKILL_HORIZON_STEPS,
+)
 from hab_tasks.episodes.robot_start import in_base_frame
 from hab_tasks.robots.control import BASE_CELLS, STOP_SHARE
 from hab_tasks.skills.navigate import NAVIGATE_ID
@@ -121,3 +129,41 @@ def navigator_of(setup: AgentSetup) -> OracleNavigator | PolicyNavigator:
     """
     name = setup.options.get("navigation", "oracle")
     return OracleNavigator() if name in ORACLES else PolicyNavigator(name, setup)
+
+
+@dataclass(frozen=True, eq=False)
+class Folding:
+    """Folds the arm of a robot with a scene model.
+
+    Attributes:
+        log: The robot's motions.
+    """
+
+    log: MotionLog[Robot]
+
+    def prepare(self, stage: Stage, attempt: int) -> Motion:
+        """Moves the arm to rest; backs off first if the arm has no room."""
+        return fold_arm(self.log)
+
+    def arrive(self, stage: Stage, request: NavigationRequest) -> Motion:
+        """Does nothing."""
+        yield from ()
+        return None
+
+
+def rests(robot: Robot) -> bool:
+    """Returns whether the arm is at rest."""
+    ee_m = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:3, 3]
+    return bool(np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M)
+
+
+def fold_arm(log: MotionLog[Robot]) -> Motion:
+    """Moves the arm to rest before driving; backs off first if the arm has no room."""
+    robot = log.robot
+    if rests(robot):
+        return None
+    failure = yield from log.timed("rest", rest(robot), SKILL_HORIZON_STEPS)
+    if failure is None:
+        return None
+    yield from leave(robot, robot.scene.floor_map(), DriveConfig())
+    return (yield from log.timed("rest", rest(robot), SKILL_HORIZON_STEPS))

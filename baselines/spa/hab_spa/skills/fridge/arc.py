@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from hab_spa.planning.arm_plan import path_rad
-from hab_spa.planning.collision import ArmCollision, shared_arm_model
+from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm
 from hab_spa.shapes import Array, invert_pose
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.tow import TowConfig, with_base
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 
 ELBOW = 4
 """Index of the elbow joint in the arm model, from which the arm extends beyond the base."""
@@ -253,7 +254,7 @@ class Arcs:
         sufficient, complete = self._pull.is_sufficient(last), self._pull.is_complete(last)
         cost = config.detour * float(np.abs(goal - here).max())
         cost += path_rad(with_base(arc, bases, config.tow))
-        cost += float(np.abs(arc[-1] - FETCH.rest_qpos_rad).max())
+        cost += float(np.abs(arc[-1] - self._arm.rest_rad).max())
         cost /= config.pace_rad
         if not complete:
             once, for_a_radian = config.again_steps
@@ -278,9 +279,9 @@ def best_first(candidates: list[DoorPath]) -> list[DoorPath]:
     return sorted(candidates, key=lambda candidate: (not candidate.sufficient, candidate.cost))
 
 
-def arm_points_m(qpos: Array) -> Array:
+def arm_points_m(robot: RobotSpec, qpos: Array) -> Array:
     """Returns points (K, P, 3) along the forearm of arm poses (K, 7), in the arm's root frame."""
-    model, frame = shared_arm_model()
+    model, frame = arm_model(robot)
     data, found = model.createData(), []
     for pose in qpos:
         pin.forwardKinematics(model, data, pose)

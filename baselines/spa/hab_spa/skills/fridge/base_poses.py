@@ -12,7 +12,6 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.motion.drive import STEP_M, STEP_RAD
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.arc import DoorPath, Pull, arm_points_m
@@ -124,7 +123,7 @@ class BasePoseSearch:
             robot, articulation, pull, self.may_tow, self._middle(), config.door_path
         )
         self._kept: dict[tuple[int, ...], int] = {}
-        self._arm_m = arm_points_m(robot.scene.arm_qpos[None])[0]
+        self._arm_m = arm_points_m(robot.spec, robot.scene.arm_qpos[None])[0]
 
     def ranked(self, driving: bool = True) -> Array:
         """Returns base poses (K, 3), ranked by distance, clearance and obstruction.
@@ -146,7 +145,9 @@ class BasePoseSearch:
             gap = poses - base
             turn = np.abs((gap[:, 2] + np.pi) % (2 * np.pi) - np.pi)
             drive_m = np.linalg.norm(gap[:, :2], axis=1)
-            cost += drive_m / STEP_M + turn / STEP_RAD + config.stop_steps * (drive_m > 0)
+            spec = self.robot.spec
+            cost += drive_m / spec.base_step_m + turn / spec.base_step_rad
+            cost += config.stop_steps * (drive_m > 0)
         order = np.argsort(cost, kind="stable")
         return poses[order]
 
@@ -230,7 +231,7 @@ class BasePoseSearch:
         least_m = min(self.config.least_base_m, room_m - 0.005)
         fits = [
             maneuver
-            for maneuver in base_maneuvers(base, pose)
+            for maneuver in base_maneuvers(self.robot.spec, base, pose)
             if self._inside(maneuver.poses()).all()
             and (_clearance_m(self._map, maneuver.poses()) >= least_m).all()
         ]

@@ -13,7 +13,6 @@ from hab_spa.skills.fridge.arc import ArcConfig, Arcs, DoorPath, Pull, best_firs
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.tow import Free, tows
 from hab_tasks.privileged import ArticulationState
-from hab_tasks.robots.fetch import FETCH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,11 +128,11 @@ class DoorPathSearch:
         robot, door = self._robot, self._door
         points_m = np.array([door.point(door.joint, *grasp) for grasp in self._pull.grasps_m])
         seed, here, arm = robot.next_seed(), robot.scene.arm_qpos, robot.kinematics
-        goals = sample_reaching_goals(points_m, self.collision, arm, seed, config).goals
-        if np.abs(here - FETCH.rest_qpos_rad).max() > self._config.resting_rad:
+        goals = sample_reaching_goals(points_m, self.collision, arm, seed, config)
+        if np.abs(here - arm.rest_rad).max() > self._config.resting_rad:
             # After a pull, grasp poses near the current one need little motion.
             near = sample_reaching_goals(points_m, self.collision, arm, seed, config, here)
-            goals = np.concatenate((goals, near.goals))
+            goals = np.concatenate((goals, near))
         return goals
 
     def _along(self, goals: Array, moving: Array) -> list[DoorPath]:

@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Generator
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 
 import numpy as np
 from hab_plans.motion import Command
 
-from hab_spa.motion.drive import STEP_M, STEP_RAD
+from hab_spa.motion.drive import Wheels, WheelsConfig, angle
 from hab_spa.motion.robot import Robot
-from hab_spa.motion.wheels import Wheels, WheelsConfig, angle
 from hab_spa.shapes import Array
+from hab_tasks.robots.spec import RobotSpec
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,6 +42,7 @@ class BaseManeuver:
     The headings are not wrapped: the signs of their differences are the directions of the turns.
     """
 
+    robot: RobotSpec
     start: tuple[float, float, float]
     heading_rad: float
     length_m: float
@@ -51,7 +53,8 @@ class BaseManeuver:
         """Approximate duration [steps]."""
         turns = abs(self.heading_rad - self.start[2]) + abs(self.yaw_rad - self.heading_rad)
         stops = 6.0 * (abs(self.length_m) > 0) + 6.0 * (turns > 0)
-        return turns / STEP_RAD + abs(self.length_m) / STEP_M + stops
+        spec = self.robot
+        return turns / spec.base_step_rad + abs(self.length_m) / spec.base_step_m + stops
 
     def poses(self, step_m: float = 0.08, step_rad: float = 0.2) -> Array:
         """Returns base poses (K, 3) along the maneuver, including its end."""
@@ -72,31 +75,25 @@ def _turning(point_m: tuple[float, float], start: float, end: float, step_rad: f
     return np.column_stack((np.tile(point_m, (count, 1)), np.linspace(start, end, count)))
 
 
-def base_maneuvers(base: Array, goal: Array) -> list[BaseManeuver]:
-    """Returns the maneuvers from one base pose (3,) to another, fastest first.
+def base_maneuvers(robot: RobotSpec, base: Array, goal: Array) -> list[BaseManeuver]:
+    """Returns the maneuvers of a robot from one base pose (3,) to another, fastest first.
 
     Each turn can go in either direction, and the straight segment forward or backward.
     """
     x, y, yaw = (float(value) for value in base)
     gap = goal[:2] - base[:2]
     length_m = float(np.linalg.norm(gap))
+    make = partial(BaseManeuver, robot=robot, start=(x, y, yaw))
     if length_m < 0.03:
         turns = (_either(angle(goal[2], yaw), other) for other in (False, True))
-        found = [
-            BaseManeuver(start=(x, y, yaw), heading_rad=yaw, length_m=0.0, yaw_rad=yaw + turn)
-            for turn in turns
-        ]
+        found = [make(heading_rad=yaw, length_m=0.0, yaw_rad=yaw + turn) for turn in turns]
         return sorted(found, key=lambda maneuver: maneuver.steps)
     found = []
     for sign, first, last in product((1.0, -1.0), (False, True), (False, True)):
         to = math.atan2(sign * gap[1], sign * gap[0])
         heading = yaw + _either(angle(to, yaw), first)
         end = heading + _either(angle(goal[2], heading), last)
-        found.append(
-            BaseManeuver(
-                start=(x, y, yaw), heading_rad=heading, length_m=sign * length_m, yaw_rad=end
-            )
-        )
+        found.append(make(heading_rad=heading, length_m=sign * length_m, yaw_rad=end))
     return sorted(found, key=lambda maneuver: maneuver.steps)
 
 
@@ -132,7 +129,7 @@ def _turn(
     while abs(left) > config.near_rad:
         if wheels.stuck:
             return False
-        yield wheels.roll(0.0, left / (config.brake_steps * STEP_RAD))
+        yield wheels.roll(0.0, left / (config.brake_steps * robot.spec.base_step_rad))
         left -= angle(robot.base[2], before)
         before = robot.base[2]
         if abs(left) < math.pi / 2:
@@ -155,6 +152,7 @@ def _straight(
         if wheels.stuck:
             return False
         turn = angle(maneuver.heading_rad, robot.base[2])
-        yield wheels.roll(left / (config.brake_steps * STEP_M), config.turn_gain * turn / STEP_RAD)
+        forward = left / (config.brake_steps * robot.spec.base_step_m)
+        yield wheels.roll(forward, config.turn_gain * turn / robot.spec.base_step_rad)
     yield from wheels.stop()
     return True

@@ -9,15 +9,13 @@ from dataclasses import replace
 import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
-from hab_spa.motion.moves import go, wait
-from hab_spa.motion.rest import TUCKED_QPOS_RAD, draw_out, rest
+from hab_spa.motion.follow import time_path
+from hab_spa.motion.moves import TUCKED_QPOS_RAD, draw_out, go, rest, wait
 from hab_spa.motion.robot import Robot
-from hab_spa.planning.path import time_path
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.arc import DoorPath
 from hab_spa.skills.fridge.base_poses import BasePoseSearch, SelectedBasePose
-from hab_spa.skills.fridge.config import FridgeConfig, pull_of
-from hab_spa.skills.fridge.exit import ExitConfig, wider
+from hab_spa.skills.fridge.config import ExitConfig, FridgeConfig, pull_of, wider
 from hab_spa.skills.fridge.maneuver import drive
 from hab_spa.skills.fridge.tow import rolling, with_base, without_base
 from hab_tasks.articulations import FRIDGE_CLOSED_RAD, FRIDGE_OPEN_RAD, Rectangle

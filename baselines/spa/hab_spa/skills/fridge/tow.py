@@ -9,9 +9,8 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.motion.drive import STEP_M, STEP_RAD
+from hab_spa.motion.drive import angle
 from hab_spa.motion.robot import Robot
-from hab_spa.motion.wheels import angle
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.door import Door
 
@@ -105,7 +104,7 @@ def with_base(arc: Array, bases: Array, config: TowConfig) -> Array:
 def without_base(path: Array, config: TowConfig) -> tuple[Array, Array]:
     """Splits a path of `with_base` into arm poses (K, 7) and base poses (K, 3)."""
     scale = (config.metre_rad, config.metre_rad, config.radian_rad)
-    return path[:, :7], path[:, 7:] / scale
+    return path[:, :-3], path[:, -3:] / scale
 
 
 def rolling(robot: Robot, now: Array, soon: Array, config: TowConfig) -> tuple[float, float]:
@@ -121,7 +120,8 @@ def rolling(robot: Robot, now: Array, soon: Array, config: TowConfig) -> tuple[f
     ahead = np.array((np.cos(yaw), np.sin(yaw)))
     distance_m = float(ahead @ (soon[:2] - now[:2] + config.gain * (now[:2] - (x, y))))
     turn_rad = angle(soon[2], now[2]) + config.gain * angle(now[2], yaw)
-    return _share(distance_m / STEP_M), _share(turn_rad / STEP_RAD)
+    most = robot.spec.base_step_m, robot.spec.base_step_rad
+    return _share(distance_m / most[0]), _share(turn_rad / most[1])
 
 
 def _share(speed: float) -> float:

@@ -1,7 +1,6 @@
-"""What a skill has changed in the head camera's image, while the base stood still.
+"""Where a placed object has come to lie, from two looks of the head camera from one base pose.
 
-Where an object was taken from, or put, shows without a model of the object: there the image has
-become farther or nearer.
+This needs no model of the object: where it lies now, the camera sees something nearer than before.
 """
 
 from __future__ import annotations

@@ -115,15 +115,19 @@ class HandleLines:
 
     def _round(self, rng: np.random.Generator, at: int) -> list[Line]:
         """Returns lines from samples of one end, until enough are complete."""
-        config, found = self._config, list[Line]()
+        config, found, complete = self._config, list[Line](), 0
+        firsts = np.empty((0, len(self._robot.scene.arm_qpos)))
         for line in self._in_order(self._followed(self._grasps(rng, at), at)):
-            if any(np.abs(line[0] - f.poses[0]).max() < config.apart_rad for f in found):
+            apart_rad = np.abs(line[0] - firsts).max(axis=1).min(initial=np.inf)
+            if apart_rad < config.apart_rad:
                 continue
             free = self._free(line)
             if free > 1:
                 missing_m = abs(self._travel_m) * (1.0 - (free - 1) / self._steps)
                 found.append(Line(poses=line[:free], missing_m=missing_m))
-            if sum(line.missing_m <= config.slack_m for line in found) == config.lines:
+                firsts = np.vstack((firsts, line[:1]))
+                complete += missing_m <= config.slack_m
+            if complete == config.lines:
                 break
         return found
 

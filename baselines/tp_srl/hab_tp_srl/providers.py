@@ -13,6 +13,7 @@ from hab_plans.protocols import BasePose, SkillProvider
 from hab_plans.stage import Stage
 from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Robot
+from hab_spa.shapes import Array
 from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
@@ -169,13 +170,36 @@ class LearnedSkill:
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
-        view, point_m = self.view, self.view.point(stage)
-        watches = view.feels and self.policy.sees_images and self.policy.control.base == "still"
-        before = view.look(robot.spec) if watches and stage.handles_object else None
-        failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
-        view.end(stage, failure is None)
-        if before is None:
+        if self.view.feels and self.policy.sees_images:
+            if stage.articulation is not None:
+                return (yield from self._move(robot, stage, ending, stage.articulation))
+            if self.policy.control.base == "still":  # two looks from one place can be compared
+                return (yield from self._handle(robot, stage, ending))
+        return (yield from self._act(robot, stage, ending, self.view.point(stage)))
+
+    def _act(self, robot: Robot, stage: Stage, ending: Ending, point_m: Array) -> Motion:
+        failure = yield from learned(robot, stage, self.policy, self.view, ending, point_m)
+        self.view.end(stage, failure is None)
+        return failure
+
+    def _move(self, robot: Robot, stage: Stage, ending: Ending, number: int) -> Motion:
+        """Opens or closes; whether a door or drawer is closed is seen."""
+        view, closes = self.view, stage.action.verb == "close"
+        before = view.look(robot.spec)
+        if closes and view.see_closed(before, number):
+            return None
+        view.see_front(before, number)
+        failure = yield from self._act(robot, stage, ending, view.point(stage))
+        if not closes:
             return failure
+        closed = view.see_closed(view.look(robot.spec), number)
+        return None if closed else failure or Failure.EXECUTION
+
+    def _handle(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
+        """Picks or places; which object was taken, and where it came to lie, is seen."""
+        view, point_m = self.view, self.view.point(stage)
+        before = view.look(robot.spec)
+        failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)
         elif stage.drawer is None and view.took_other(robot.spec, before, point_m):

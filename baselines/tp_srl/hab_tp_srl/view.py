@@ -22,6 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.fronts import Fronts, is_there
 from hab_tp_srl.sight import Look
 
 GONE_M = 0.07
@@ -73,6 +74,7 @@ class TaskView:
         """Starts a new episode."""
         self._starts_m: Array | None = None
         self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
+        self._fronts = Fronts()
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
         self._hand_m: Array | None = None
@@ -139,6 +141,23 @@ class TaskView:
         # What has gone is what was nearer before.
         gone_m = before.appeared_m(self.look(robot), here_m)
         return gone_m is not None and float(np.linalg.norm(gone_m - here_m)) > GONE_M
+
+    def see_front(self, look: Look, number: int) -> None:
+        """Notes what is seen before a door or drawer is opened."""
+        if self.felt.openings[number] == "closed":
+            self._fronts.see(number, self._to_frame(look.surfaces_m))
+
+    def see_closed(self, look: Look, number: int) -> bool:
+        """Returns whether a door or drawer is seen to be closed, and believes it.
+
+        One that is not in view is taken for open: it may be, and the way to close it leads there.
+        """
+        front_m = self._fronts.of(number)
+        if not len(front_m):  # it was never opened
+            return self.felt.openings[number] == "closed"
+        closed = is_there(look, np.array([self._in_base(point_m) for point_m in front_m]))
+        self.felt.openings[number] = "closed" if closed else "ajar"
+        return bool(closed)
 
     def goal_m(self, number: int) -> Array:
         """Returns the goal (3,) of an object, in the frame of `point`."""
@@ -275,6 +294,7 @@ class TaskView:
             return
         hand_m = self._to_frame(self._felt("ee_position").astype(float))
         if self._hand_m is not None:
+            self._fronts.touch(self._moving, self._hand_m)
             so_far_m = self._pulled_m.get(self._moving, np.zeros(3))
             self._pulled_m[self._moving] = so_far_m + hand_m - self._hand_m
         self._hand_m = hand_m

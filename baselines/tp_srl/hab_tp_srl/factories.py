@@ -8,11 +8,10 @@ from typing import Any, cast
 
 from hab_navigator.weights import is_navigator
 from hab_plans.executor import Executor, ExecutorConfig
-from hab_plans.extension import PROVIDERS, load_factory
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
-from hab_plans.problem import task_of
+from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Team
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hab_navigator.weights import NAVIGATOR, shipped_navigator
 from hab_navigator.weights import WEIGHTS as NAVIGATOR_FILE
-from hab_plans.extension import PROVIDERS
+from hab_plans.problem import PROVIDERS
 from hab_ppo.agent import shipped_weights, weights_file
 from hab_ppo.recipes import recipe_names
 

@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from hab_plans.executor import Executor, ExecutorConfig
-from hab_plans.extension import PROVIDERS, load_factory
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
-from hab_plans.problem import task_of
+from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned

@@ -25,8 +25,7 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.control import ee_step_m
-from hab_tasks.robots.delay import LONGEST_STEPS, ActionDelay
+from hab_tasks.robots.control import LONGEST_STEPS, ActionDelay, ee_step_m
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.hidden_objects import Containers
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M

@@ -11,14 +11,13 @@ import sapien
 from torch import Tensor
 
 from hab_tasks.arrays import Floats, put_rows, to_tensor
-from hab_tasks.articulations import ArticulationKind
+from hab_tasks.articulations import HANDLE_MARKERS, ArticulationKind
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.simulator import rigid_body, sapien_object
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 

@@ -28,8 +28,7 @@ from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
-from hab_tasks.episodes.request import EpisodeRequest
-from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.schema import Episode, EpisodeRequest
 from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds

@@ -29,7 +29,7 @@ from hab_tasks.arrays import (
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, REST_SPEED_M_S, REST_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.world.navigation.layout_maps import GeodesicDistances
+from hab_tasks.world.navigation.navigation_map import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""

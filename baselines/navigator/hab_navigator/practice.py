@@ -15,8 +15,7 @@ from torch import Tensor
 
 from hab_navigator.lessons import Lessons
 from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
-from hab_navigator.network import GoalNetwork
-from hab_navigator.weights import load
+from hab_navigator.network import GoalNetwork, load
 from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
 from hab_tasks.envs import ENVS
 from hab_tasks.robots.control_modes import STOP_CELL

@@ -12,9 +12,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_ppo.actions import ActionNoise
 from hab_ppo.distributed import Ranks
 from hab_ppo.network import Policy
-from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
 from hab_tasks.engine.rollout import Outcome

@@ -15,11 +15,10 @@ from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.base_poses import TURNING_M, start_pose
+from hab_tp_srl.base_poses import TURNING_M, features, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.skill import learned
-from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
 
 MOST_DOUBTS = 2

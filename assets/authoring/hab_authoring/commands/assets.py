@@ -5,7 +5,7 @@ from __future__ import annotations
 from hab_authoring.commands.options import Assets
 from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import OBJECTS_FOLDER, Footprint, optimise
-from hab_tasks.generation_lines import progress_bar
+from hab_tasks.io.console import progress_bar
 from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
 
 LINES = 10

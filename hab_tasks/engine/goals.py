@@ -81,6 +81,7 @@ class Goals:
             starts_m=zeros(objects, 3),
             goals_m=zeros(objects, 3),
             joint_lower=zeros(articulations),
+            # A share of the travel is computed in rows without an episode too.
             joint_upper=zeros(articulations) + 1.0,
             articulation_frame=zeros(articulations, 3),
             base=zeros(3),
@@ -134,6 +135,7 @@ class GoalSetting:
         for number, target in enumerate(episode.targets):
             if target.world_from_goal is not None:
                 pose = target.world_from_goal
+                # The episode has the pose of the body's frame; measures are of its centre of mass.
                 body = rigid_body(self._grasp.objects[self._names.index(target.object)])
                 goals[number] = (
                     sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
@@ -159,7 +161,9 @@ def handles_of(shown: SceneBodies) -> list[Handle]:
     scales = {a.name: a.scale for a in shown.spec.articulations}
     for name, furniture in shown.articulations.items():
         for marker in HANDLE_MARKERS:
+            # An instance is named ``template_:0000``.
             if marker.template == name.rsplit("_:", 1)[0]:
+                # Markers are in the frame before the furniture is scaled.
                 x, y, z = (scales[name] * value for value in marker.offset_m)
                 found.append(
                     Handle(

@@ -118,6 +118,7 @@ class HabEnv(ObservingEnv):
         **kwargs: Any,
     ) -> None:
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
+        # Everything is checked before `super().__init__`, which builds the first scene.
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_entries(proprioception, target_frame, handle_position, depth)
@@ -129,6 +130,7 @@ class HabEnv(ObservingEnv):
         request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
         options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
         self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
+        # Kept by the simulation: a worker of `make_vec` joins it with others.
         Rows([self._simulation], self.rules_of)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
 
@@ -253,6 +255,7 @@ class HabEnv(ObservingEnv):
             options["env_idx"] = torch.tensor(row_numbers("env_idx", options["env_idx"], 1))
         seeds("seed", seed, 1)
         number = None if seed is None else int(np.ravel(seed)[0])
+        # ManiSkill would set a state instead of starting the episode that the state is of.
         episode, restored = options.pop("episode", None), options.pop("reset_to_env_states", None)
         if isinstance(episode, list | tuple):
             if len(episode) != 1:
@@ -267,6 +270,7 @@ class HabEnv(ObservingEnv):
         before = simulation.shown
         obs, info = super().reset(seed=seed, options=options)
         if seed is None:
+            # ManiSkill's recorder stores this; the seed that it drew would give another episode.
             self._episode_seed[:] = simulation.seed
         # Recorders read from this whether the entries of the state changed.
         info["reconfigure"] = info["reconfigure"] or simulation.shown is not before
@@ -315,10 +319,12 @@ class HabEnv(ObservingEnv):
         info: dict[str, Any] = {
             "success": shared_tensor(result.success[here]),
             "fail": shared_tensor(result.fail[here]),
+            # ManiSkill asks for the reward later; the rules are evaluated once.
             "reward": shared_tensor(result.reward[here]),
         }
         for group, values in result.groups.items():
             info[group] = {name: shared_tensor(value[here]) for name, value in values.items()}
+        # The rules give the same zeros in every step, so they become tensors once.
         if self._unpaid[0] is not result.unpaid:
             self._unpaid = result.unpaid, {n: to_tensor(x[here]) for n, x in result.unpaid.items()}
         info["reward_terms"] = self._unpaid[1] | info["reward_terms"]
@@ -366,8 +372,10 @@ class HabEnv(ObservingEnv):
         rows, row = self.rows, self._simulation.row
         present = rows.get_state(row)
         simulator = {key: value for key, value in state.items() if key not in present}
+        # All checks come first, so that a bad state leaves the episode as it is.
         self._simulation.refuse_other_bodies(simulator)
         kept = shaped_like(state, present)
+        # A sleeping body is kinematic, and takes no velocity.
         self._simulation.thaw()
         super().set_state_dict(simulator)
         rows.set_state(row, kept)

@@ -166,6 +166,7 @@ def play(
     try:
         while True:
             free = (row for row in range(rows.count) if row not in playing)
+            # Rows first: in the other order, `zip` would draw a job that no row is free for.
             started = dict(zip(free, jobs, strict=False))
             playing |= started
             if not playing:
@@ -179,6 +180,7 @@ def play(
             obs, began_s = rows.observe(), time.perf_counter()
             with guard([playing[row] for row in sorted(playing)]):
                 actions = agent.act(obs)
+            # The agent acts for all rows at once; each gets an equal share of its time.
             share_s = (time.perf_counter() - began_s) / len(playing)
             for row in playing:
                 act_s[row] += share_s
@@ -265,6 +267,7 @@ class EnvRow:
         self._steps += 1
         self._return += value
         for observer in self.observers:
+            # What the environment returned, and not the agent's view of it.
             observer.step(self._seen(obs, actions, value))
         if not (bool(terminated) or bool(truncated)):
             return {}

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 import numpy as np
 
-from hab_plans.problem import ROOM, Atom, atoms_of, problem_of
+from hab_plans.problem import ROOM, Atom, atoms_of, goal_container, problem_of, things
 from hab_plans.stage import Stage
 from hab_tasks.articulations import ArticulationKind
 from hab_tasks.constants import PLACE_RADIUS_M
@@ -39,6 +39,10 @@ class Scene(Protocol):
 
     def goal_m(self, number: int) -> Array:
         """Returns the goal (3,) of its centre of mass."""
+        ...
+
+    def was_let_go(self, number: int) -> bool:
+        """Whether an object lies where the hand let it go, no longer where it started."""
         ...
 
     def articulation(self, number: int) -> ArticulationState:
@@ -75,7 +79,10 @@ def believed(task: Task, scene: Scene) -> frozenset[Atom]:
         opened += [number] * (opening == "open")
         closed += [number] * (opening == "closed")
     condition = Condition(held=held, placed=placed, opened=tuple(opened), closed=tuple(closed))
-    return atoms_of(task.spec, condition)
+    let_go = (k for k in objects if k not in held and scene.was_let_go(k))
+    # Beside its goal, in the same container: that is where it was carried.
+    lies = {("in", things(task.spec)[k], goal_container(task.spec, k)) for k in let_go}
+    return atoms_of(task.spec, condition) | lies
 
 
 def known_opening(scene: Scene, number: int, kind: ArticulationKind) -> Opening:
@@ -126,6 +133,8 @@ def start_from(env: TaskEnv, row: int = 0) -> frozenset[Atom]:
 def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
     """Returns a task's initial state in which these atoms hold: held, placed, open and closed.
 
+    An object is in the container in which it started unless an atom says that it is in another.
+
     The robot is at no pose, so that the plan starts with navigation.
 
     Raises:
@@ -135,6 +144,8 @@ def start_given(env_id: str, seen: frozenset[Atom]) -> frozenset[Atom]:
     changing = {"at", "placed", "holding", "hand-empty", "is-open", "is-closed"}
     # The room is a container that is always open; doors and drawers are as seen.
     kept = {a for a in problem.start if a[0] not in changing or a == ("is-open", ROOM)}
+    elsewhere = {atom[1] for atom in seen if atom[0] == "in"}
+    kept = {a for a in kept if a[0] != "in" or a[1] not in elsewhere}
     # Conditions say only where an object is (`at`); the domain's `placed` follows.
     placed = {("placed", atom[1]) for atom in seen if atom[0] == "at"}
     empty = set() if any(atom[0] == "holding" for atom in seen) else {("hand-empty",)}

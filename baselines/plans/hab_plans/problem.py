@@ -136,6 +136,11 @@ def things(spec: TaskSpec) -> tuple[str, ...]:
     return tuple(thing(target.name) for target in spec.targets)
 
 
+def goal_container(spec: TaskSpec, number: int) -> str:
+    """Returns the container of a target's goal."""
+    return container_at_goal(spec, spec.targets[number]) or ROOM
+
+
 def spec_of(reference: str) -> TaskSpec:
     """Returns the declaration of a task.
 
@@ -171,9 +176,9 @@ def problem_of(reference: str) -> TaskProblem:
     items = things(spec)
     goals = {item: f"{item}-goal" for item in items}
     start: set[Atom] = {("at-robot", SPAWN), ("hand-empty",), ("is-open", ROOM)}
-    for item, target in zip(items, spec.targets, strict=True):
+    for number, (item, target) in enumerate(zip(items, spec.targets, strict=True)):
         start.add(("in", item, container_at_start(spec, target) or ROOM))
-        start.add(("goal-in", goals[item], container_at_goal(spec, target) or ROOM))
+        start.add(("goal-in", goals[item], goal_container(spec, number)))
         if target.inside is None:
             start.add(("free-standing", goals[item]))
         else:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from hab_plans.plan import Action
-from hab_plans.problem import things
+from hab_plans.problem import ROOM, things
 from hab_tasks.task_spec import TaskSpec, container_at_goal, container_at_start, interactions
 from hab_tasks.tasks.base import Condition, Task
 
@@ -21,7 +21,7 @@ class Stage:
         object: Index of the object that the skill is about.
         at: Whether the skill observes the object's ``start`` or its ``goal``.
         articulation: Number of the door or drawer that the skill moves; None without one.
-        drawer: Number of the drawer that carries the object at its start; None without one.
+        drawer: Number of the drawer that carries the object; None without one.
         effect: Condition that holds after success.
     """
 
@@ -64,7 +64,8 @@ def stage_of(task: Task, action: Action) -> Stage:
         object=number,
         at="start" if inside else "goal",
         articulation=articulation,
-        drawer=_drawer(spec, number) if inside else None,
+        # What has been let go elsewhere is no longer carried by a drawer.
+        drawer=_drawer(spec, number) if inside and ROOM not in action.things else None,
         effect=_effect(action, number if articulation is None else articulation),
     )
 

@@ -176,6 +176,7 @@ def _view(task: Task, options: TeamOptions) -> TaskView:
         truth=options.true_knowledge,
         aims_object=options.aims_object,
         openings=["open" if one in spec.starts_open else "closed" for one in spec.articulations],
+        inside=[None if t.inside is None else spec.number(t.inside) for t in spec.targets],
         feels=options.feels,
     )
 

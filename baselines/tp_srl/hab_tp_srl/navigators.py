@@ -16,6 +16,7 @@ from hab_plans.protocols import NavigationRequest
 from hab_plans.stage import Stage
 from hab_spa.motion.drive import DriveConfig, leave, reverse
 from hab_spa.motion.robot import Robot
+from hab_spa.shapes import Array
 from hab_spa.tasks.navigate import OracleNavigator
 
 from hab_tasks.agent import AgentSetup, of_rows
@@ -30,6 +31,9 @@ from hab_tp_srl.view import TaskView
 ORACLE_STEPS = 1000
 """Maximum number of steps of the oracle's navigation: twice Navigate's horizon, as the longest ways
 through the apartment take it."""
+
+MOVED_M = 0.1
+"""A point that has moved so far since the last way to it needs a way of its own."""
 
 
 class ReturningOracle(OracleNavigator):
@@ -66,19 +70,22 @@ class LearnedNavigator:
             view: What the robot observes.
         """
         self._policy, self._learned, self._view = policy, learned, view
-        self._turns: dict[Action, Turn] = {}
+        self._turns: dict[Action, tuple[Turn, Array]] = {}
         self._last: Turn | None = None
         self.horizon_steps = policy.horizon_steps
 
     def go(self, robot: Robot, request: NavigationRequest) -> Motion:
         """Drives to where the policy stops; a further attempt may go on with the last one."""
-        stage = request.stage
-        turn = self._turns.get(stage.action)
-        if turn is None or not self._stands(stage.skill) or not self._policy.goes_on(turn):
+        stage, point_m = request.stage, self._view.point(request.stage)
+        turn, last_m = self._turns.get(stage.action, (None, point_m))
+        # What fell down meanwhile is to be found elsewhere.
+        moved = float(np.linalg.norm(point_m - last_m)) > MOVED_M
+        stands = self._stands(stage.skill) and not moved
+        if turn is None or not stands or not self._policy.goes_on(turn):
             turn = turn_of(robot, self._policy)
             turn.before = self._last
             turn.reach = self._reach(stage)
-            self._turns[stage.action] = self._last = turn
+            self._turns[stage.action], self._last = (turn, point_m), turn
         return learned_navigation(robot, stage, turn, self._view)
 
     def _stands(self, skill: str) -> bool:

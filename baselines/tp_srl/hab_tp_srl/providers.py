@@ -6,11 +6,14 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+import numpy as np
 from hab_plans.motion import RELEASE, Failure, Motion
 from hab_plans.plan import Action
 from hab_plans.protocols import BasePose, SkillProvider
 from hab_plans.stage import Stage
+from hab_spa.motion.moves import wait
 from hab_spa.motion.robot import Robot
+from hab_spa.shapes import Array
 from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
@@ -18,15 +21,12 @@ from hab_tasks.tasks.base import Task
 from hab_tp_srl.base_poses import TURNING_M, features, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import AgentPolicy, SkillPolicy
+from hab_tp_srl.sight import Look
 from hab_tp_srl.skill import learned
 from hab_tp_srl.view import TaskView
 
-MOST_DOUBTS = 2
-"""After so many picks that look wrong, what is seen there is taken for something else."""
-
-LEAST_SEEN, STILL_THERE = 10, 0.5
-"""An object of which so many pixels, and such a share of those before a pick, are still seen where
-it was has not been picked."""
+BETWEEN_LOOKS, MOST_WATCHED, SAME_M = 10, 60, 0.01
+"""What was placed is looked at every so many steps, until it lies where it lay in the last look."""
 
 Policies = Mapping[str, Sequence[SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]]
 """Skill -> policies, providers of another package, or None for planning, in turn."""
@@ -169,23 +169,54 @@ class LearnedSkill:
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
-        view, point_m = self.view, self.view.point(stage)
-        checks = view.feels and stage.skill == "pick" and stage.drawer is None
-        checks = checks and self.policy.sees_images
-        seen_before = view.seen_at(robot.spec, point_m) if checks else 0
-        watches = view.feels and stage.skill == "place" and self.policy.sees_images
-        before = view.look(robot.spec) if watches and self.policy.control.base == "still" else None
-        failure = yield from learned(robot, stage, self.policy, view, ending, point_m)
-        view.end(stage, failure is None)
-        if before is not None:
-            view.see_placed(robot.spec, stage.object, before)
-        held = view.felt.held
-        if checks and held is not None and view.felt.doubts[held] < MOST_DOUBTS:
-            seen = view.seen_at(robot.spec, point_m)
-            if seen >= LEAST_SEEN and seen > STILL_THERE * seen_before:
-                yield from self._put_back(robot, stage)
-                return Failure.EXECUTION
+        if self.view.feels and self.policy.sees_images:
+            if stage.articulation is not None:
+                return (yield from self._move(robot, stage, ending, stage.articulation))
+            if self.policy.control.base == "still":  # two looks from one place can be compared
+                return (yield from self._handle(robot, stage, ending))
+        return (yield from self._act(robot, stage, ending, self.view.point(stage)))
+
+    def _act(self, robot: Robot, stage: Stage, ending: Ending, point_m: Array) -> Motion:
+        failure = yield from learned(robot, stage, self.policy, self.view, ending, point_m)
+        self.view.end(stage, failure is None)
         return failure
+
+    def _move(self, robot: Robot, stage: Stage, ending: Ending, number: int) -> Motion:
+        """Opens or closes; whether a door or drawer is closed is seen."""
+        view, closes = self.view, stage.action.verb == "close"
+        before = view.look(robot.spec)
+        if closes and view.see_closed(before, number):
+            return None
+        view.see_front(before, number)
+        failure = yield from self._act(robot, stage, ending, view.point(stage))
+        if not closes:
+            return failure
+        closed = view.see_closed(view.look(robot.spec), number)
+        return None if closed else failure or Failure.EXECUTION
+
+    def _handle(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
+        """Picks or places; which object was taken, and where it came to lie, is seen."""
+        view, point_m = self.view, self.view.point(stage)
+        before = view.look(robot.spec)
+        failure = yield from self._act(robot, stage, ending, point_m)
+        if stage.skill == "place":
+            yield from self._watch(robot, stage, before)
+        elif stage.drawer is None and view.took_other(robot.spec, before, point_m):
+            yield from self._put_back(robot, stage)
+            return Failure.EXECUTION
+        return failure
+
+    def _watch(self, robot: Robot, stage: Stage, before: Look) -> Motion:
+        """Looks at what was placed until it no longer moves, as cans roll."""
+        view, steps = self.view, 0
+        seen_m = view.see_placed(robot.spec, stage.object, before)
+        while seen_m is not None and steps < MOST_WATCHED:
+            yield from wait(robot, BETWEEN_LOOKS)
+            steps, last_m = steps + BETWEEN_LOOKS, seen_m
+            seen_m = view.see_placed(robot.spec, stage.object, before)
+            if seen_m is None or np.linalg.norm(seen_m - last_m) < SAME_M:
+                break
+        return None
 
     def _put_back(self, robot: Robot, stage: Stage) -> Motion:
         """Puts what is not the target back to where the hand took it."""

@@ -83,6 +83,10 @@ class ObservedScene:
         """Returns the goal (3,) of an object."""
         return self.view.goal_m(number)
 
+    def was_let_go(self, number: int) -> bool:
+        """Whether an object lies where the hand let it go."""
+        return bool(self.view.felt.moved[number])
+
     def opening(self, number: int, kind: ArticulationKind) -> Opening:
         """Returns whether a door or drawer is believed to be open."""
         return self.view.felt.openings[number]

@@ -1,6 +1,7 @@
-"""Where a placed object has come to lie, from two looks of the head camera from one base pose.
+"""Looks with the head camera, and what has changed between two of them.
 
-This needs no model of the object: where it lies now, the camera sees something nearer than before.
+Where a placed object has come to lie needs no model of it: the camera sees something nearer there
+than before. Where one was taken from, it sees something farther.
 """
 
 from __future__ import annotations
@@ -37,11 +38,15 @@ class Look:
         depth_m: (H, W) distance along the camera's axis; infinite beyond the range.
         points_m: (H, W, 3) surfaces in the base frame; NaN beyond the range.
         own: (H, W) whether a pixel shows the robot.
+        view: The image, in the world of the camera's pose.
+        base_from_world: (4, 4) from that world.
     """
 
     depth_m: Array
     points_m: Array
     own: NDArray[np.bool_]
+    view: DepthView
+    base_from_world: Array
 
     @classmethod
     def take(cls, robot: RobotSpec, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
@@ -53,7 +58,29 @@ class Look:
         seen, own = np.isfinite(view.depth_m), np.zeros(view.depth_m.shape, dtype=bool)
         shapes = own_shapes(robot)
         own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
-        return cls(depth_m=view.depth_m, points_m=points_m, own=own)
+        return cls(
+            depth_m=view.depth_m,
+            points_m=points_m,
+            own=own,
+            view=view,
+            base_from_world=base_from_world,
+        )
+
+    @property
+    def surfaces_m(self) -> Array:
+        """Surfaces (P, 3) in the base frame, other than the robot's."""
+        return self.points_m[np.isfinite(self.depth_m) & ~self.own]
+
+    def behind_m(self, points_m: Array) -> Array:
+        """Returns how far (V,) behind points (P, 3) the surfaces are that are seen through them.
+
+        Points out of view or hidden by the robot are left out.
+        """
+        world_from_base = invert_pose(self.base_from_world)
+        in_world_m = points_m @ world_from_base[:3, :3].T + world_from_base[:3, 3]
+        _, pixels, depths_m = self.view.project(in_world_m)
+        pixels = tuple(pixels.T)
+        return (self.depth_m[pixels] - depths_m)[~self.own[pixels]]
 
     def appeared_m(self, before: Look, near_m: Array) -> Array | None:
         """Returns the middle (3,) of what has appeared nearest to a point (3,) since a look.

@@ -13,21 +13,23 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from hab_navigator.robot_map import surfaces
 from hab_plans.belief import Opening
 from hab_plans.stage import Stage
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
-from hab_tasks.agent import of_rows
 from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.fronts import Fronts, is_there
 from hab_tp_srl.sight import Look
 
-AT_M, BELOW_M = 0.07, 0.01
-"""Surfaces so near to an object's centre, or so far below it, are its own."""
+GONE_M = 0.07
+"""The middle of what is seen of an object is so near to its centre of mass."""
+
+MOST_DOUBTS = 2
+"""After so many picks that look wrong, what is seen there is taken for something else."""
 
 Entries = dict[tuple[str, str], NDArray[Any]]
 """(group, name) -> entry of a state observation, float32."""
@@ -47,6 +49,7 @@ class TaskView:
         truth: bool,
         aims_object: bool = False,
         openings: Sequence[Opening] = (),
+        inside: Sequence[int | None] = (),
         feels: bool = False,
     ) -> None:
         """Creates a view.
@@ -57,10 +60,11 @@ class TaskView:
             aims_object: Whether Place observes its goal from the held object, as it was when it was
                 grasped, instead of from the hand.
             openings: Which doors and drawers are open at the start of an episode.
+            inside: For each object, the number of the one into which it is to be put.
             feels: Whether it notices where an object was let go, and looks for it there.
         """
         self.truth, self.feels = truth, feels
-        self._aims_object, self._openings = aims_object, openings
+        self._aims_object, self._openings, self._inside = aims_object, openings, inside
         self._obs: Mapping[str, Any] = {}
         self._row = 0
         self._located: tuple[float, float, float] | None = None
@@ -70,6 +74,7 @@ class TaskView:
         """Starts a new episode."""
         self._starts_m: Array | None = None
         self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
+        self._fronts = Fronts()
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
         self._hand_m: Array | None = None
@@ -111,24 +116,48 @@ class TaskView:
             pulled_m = float(np.linalg.norm(self._pulled_m[stage.articulation]))
         self.felt.end(stage, ended, pulled_m)
 
-    def seen_at(self, robot: RobotSpec, point_m: Array) -> int:
-        """Returns how many pixels of the head camera show a surface at a point (3,)."""
-        depth = np.asarray(of_rows(self._obs, [self._row])["sensor_data"]["head"]["depth"][0])
-        points_m, _ = surfaces(depth, robot.cameras["head"], len(depth))
-        gaps_m = points_m - self._in_base(point_m)
-        # What it stands on is below its middle, and seen whether it is there or not.
-        above = (gaps_m[:, 2] > -BELOW_M) & (gaps_m[:, 2] < AT_M)
-        return int((above & (np.hypot(gaps_m[:, 0], gaps_m[:, 1]) < AT_M)).sum())
-
     def look(self, robot: RobotSpec) -> Look:
         """Looks with the head camera."""
         return Look.take(robot, self._obs, self._row, self.arm_qpos)
 
-    def see_placed(self, robot: RobotSpec, number: int, before: Look) -> None:
-        """Notes where an object has come to lie since a look; that may be beside its goal."""
+    def see_placed(self, robot: RobotSpec, number: int, before: Look) -> Array | None:
+        """Notes where an object has come to lie since a look; that may be beside its goal.
+
+        Returns:
+            (3,) the place in the base frame; None if nothing that was placed is seen.
+        """
         found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
-        if found_m is not None and self.felt.held != number:
-            self.felt.places_m[number] = self._to_frame(found_m)
+        if found_m is None or self.felt.held == number:
+            return None
+        self.felt.places_m[number] = self._to_frame(found_m)
+        return found_m
+
+    def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
+        """Whether what the hand has taken since a look was seen elsewhere than at a point (3,)."""
+        held = self.felt.held
+        if held is None or self.felt.doubts[held] >= MOST_DOUBTS:
+            return False
+        here_m = self._in_base(point_m)
+        # What has gone is what was nearer before.
+        gone_m = before.appeared_m(self.look(robot), here_m)
+        return gone_m is not None and float(np.linalg.norm(gone_m - here_m)) > GONE_M
+
+    def see_front(self, look: Look, number: int) -> None:
+        """Notes what is seen before a door or drawer is opened."""
+        if self.felt.openings[number] == "closed":
+            self._fronts.see(number, self._to_frame(look.surfaces_m))
+
+    def see_closed(self, look: Look, number: int) -> bool:
+        """Returns whether a door or drawer is seen to be closed, and believes it.
+
+        One that is not in view is taken for open: it may be, and the way to close it leads there.
+        """
+        front_m = self._fronts.of(number)
+        if not len(front_m):  # it was never opened
+            return self.felt.openings[number] == "closed"
+        closed = is_there(look, np.array([self._in_base(point_m) for point_m in front_m]))
+        self.felt.openings[number] = "closed" if closed else "ajar"
+        return bool(closed)
 
     def goal_m(self, number: int) -> Array:
         """Returns the goal (3,) of an object, in the frame of `point`."""
@@ -162,13 +191,20 @@ class TaskView:
         """
         assert self._starts_m is not None
         if stage.at == "goal":
-            return self._goals_m[stage.object]
+            return self._goals_m[stage.object] + self._beside_m(stage)
         if self._state is not None and stage.skill == "pick":
             return self._state.object_com_m[self._state.targets[stage.object]]
         if stage.skill == "pick" and self.felt.moved[stage.object]:
             return self.felt.places_m[stage.object]
         point_m = self._starts_m[stage.object]
         return point_m if stage.drawer is None else point_m + self._moved_m(stage.drawer)
+
+    def _beside_m(self, stage: Stage) -> Array:
+        """Returns how far (3,) what an object is put into is believed to be beside its goal."""
+        into = self._inside[stage.object] if self.feels and stage.skill == "place" else None
+        if into is None or not self.felt.moved[into]:
+            return np.zeros(3)
+        return self.felt.places_m[into] - self._goals_m[into]
 
     def moved_m(self, articulation: int) -> float | None:
         """Returns how far a handle is from its place at the start of the episode.
@@ -258,6 +294,7 @@ class TaskView:
             return
         hand_m = self._to_frame(self._felt("ee_position").astype(float))
         if self._hand_m is not None:
+            self._fronts.touch(self._moving, self._hand_m)
             so_far_m = self._pulled_m.get(self._moving, np.zeros(3))
             self._pulled_m[self._moving] = so_far_m + hand_m - self._hand_m
         self._hand_m = hand_m

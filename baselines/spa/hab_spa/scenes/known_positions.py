@@ -16,6 +16,7 @@ class KnownPositions:
 
     Attributes:
         goals_m: (K, 3) goal positions in the world.
+        let_go: Numbers of the objects that the robot has moved and released.
     """
 
     def __init__(self, starts_m: Array, goals_m: Array, state: PrivilegedState | None) -> None:
@@ -27,6 +28,7 @@ class KnownPositions:
             state: State of doors and drawers, if observed.
         """
         self._at_m, self.goals_m = starts_m.copy(), goals_m
+        self.let_go: set[int] = set()
         self._drawers: dict[int, ArticulationState] = {}
         if state is None:
             return
@@ -75,4 +77,5 @@ class KnownPositions:
     def lies_at(self, number: int, place_m: Array) -> None:
         """Sets the position (3,) of an object that was released."""
         self._at_m[number] = place_m
+        self.let_go.add(number)
         self._drawers.pop(number, None)

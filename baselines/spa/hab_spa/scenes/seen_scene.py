@@ -162,6 +162,10 @@ class SeenScene:
         """Returns its goal (3,)."""
         return self._known.goals_m[number]
 
+    def was_let_go(self, number: int) -> bool:
+        """Whether an object lies where the hand let it go."""
+        return number in self._known.let_go
+
     def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
         """Returns the points (P, 3) at which the hand can grasp an object.
 

@@ -97,6 +97,10 @@ class TrueScene:
         """Returns a door or drawer of the episode."""
         return self.state.articulations[number]
 
+    def was_let_go(self, number: int) -> bool:
+        """Returns False: where an object is makes no difference to what is known of it."""
+        return False
+
     opening = known_opening
 
     def collision(

@@ -120,7 +120,9 @@ class PPO:
     ) -> None:
         self.policy, self.config, self.ranks, self.guide = policy, config, ranks, guide
         if config.final_log_std is not None:
+            # Set by the share of the run that is over (`Recipe.log_std`), and not learned.
             policy.head.fix_spread()
+        # PPO's usual epsilon; Adam's own is 1e-8.
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=config.learning_rate, eps=1e-5, foreach=True
         )
@@ -191,6 +193,7 @@ class PPO:
         if config.scales_rewards:
             rollout.rewards = rollout.rewards * self._reward_scale(rollout)
         advantages = gae(rollout, config.discount, config.gae)
+        # Before they are normalised: values are in the unit of the rewards.
         returns = advantages + rollout.values
         moments = self.ranks.merged(Moments.of(advantages[rollout.valid][:, None]))
         # Over the whole rollout and not by minibatch, so that a minibatch of poor steps stays one.
@@ -233,9 +236,11 @@ class PPO:
         judged = self.policy.judge(
             rollout.observations(), rollout.actions, rollout.starts, rollout.memory
         )
+        # Masked before exp, as steps that reset a row have actions of no consequence.
         log_ratio = (judged.log_probs - rollout.log_probs) * valid
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
+        # arXiv 1707.06347, equation 7.
         gains = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
         policy_loss = -(gains * valid).sum()
         value_loss = 0.5 * ((judged.values - batch.returns).square() * valid).sum()

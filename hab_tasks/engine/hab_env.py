@@ -118,7 +118,6 @@ class HabEnv(ObservingEnv):
         **kwargs: Any,
     ) -> None:
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
-        # Everything is checked before `super().__init__`, which builds the first scene.
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_entries(proprioception, target_frame, handle_position, depth)
@@ -130,9 +129,8 @@ class HabEnv(ObservingEnv):
         request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
         options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
         self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
-        # Kept by the simulation: a worker of `make_vec` joins it with others.
-        Rows([self._simulation], self.rules_of)
-        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
+        Rows([self._simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
 
     @classmethod
     def known_mode(cls, control_mode: str | None) -> str:

@@ -21,9 +21,8 @@ from hab_ppo.network import Policy
 from hab_ppo.replay import SETTLING_STEPS
 from hab_ppo.retiming import Follower, Stretch
 from hab_ppo.rows import Student
-from hab_tasks.engine.rollout import Job, flag, play
+from hab_tasks.engine.rollout import Job, VectorRows, flag, play
 from hab_tasks.episodes import Episode
-from hab_tasks.vector.episode_rows import VectorRows
 
 
 class Lesson(NamedTuple):

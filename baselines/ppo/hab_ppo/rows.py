@@ -15,12 +15,11 @@ from hab_ppo.actions import Noise
 from hab_ppo.network import Policy
 from hab_ppo.observation import Observation
 from hab_ppo.recipe import EnvConfig, Recipe
-from hab_tasks.engine.rollout import Job, Outcome, play
+from hab_tasks.engine.rollout import Job, Outcome, VectorRows, play
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode
 from hab_tasks.registration import imported_id
 from hab_tasks.tasks.task_env import TaskEnv
-from hab_tasks.vector.episode_rows import VectorRows
 
 
 def policy_rows(config: EnvConfig, **options: Any) -> Any:

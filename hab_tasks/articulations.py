@@ -1,6 +1,11 @@
-"""Open and closed thresholds of doors and drawers (S H.2; design decision for drawers).
+"""Doors and drawers: open and closed thresholds (S H.2; design decision for drawers), handles.
 
 Skills, tasks and planning predicates share these functions.
+
+Handle markers are points that the gripper can snap to. Templates that tasks do not distinguish,
+such as the fridges with hinges on either side, have markers of the same names; a layout has one of
+them. Names and offsets are Habitat's where available (its four drawers and the fridge); the other
+drawers follow the same rule. Offsets are in the link's frame, before the furniture's scale.
 """
 
 from __future__ import annotations
@@ -89,3 +94,55 @@ DRAWER = ArticulationKind(
 )
 ARTICULATION_KINDS = {kind.name: kind for kind in (FRIDGE, DRAWER)}
 """Name -> kind."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class HandleMarker:
+    """A point fixed to a link of one furniture template."""
+
+    name: str
+    template: str
+    link: str
+    offset_m: tuple[float, float, float]
+
+
+FRIDGES = ("fridge", "fridge_mirrored")
+"""Templates of fridges: ReplicaCAD's, and the apartment's with its hinges on the other side."""
+
+
+def _drawer(number: int, link: str) -> HandleMarker:
+    return HandleMarker(
+        name=f"cab_push_point_{number}",
+        template="kitchen_counter",
+        link=link,
+        offset_m=(0.3, 0.0, 0.0),
+    )
+
+
+HANDLE_MARKERS = [
+    _drawer(7, "drawer1_top"),
+    _drawer(6, "drawer2_top"),
+    _drawer(5, "drawer3"),
+    _drawer(4, "drawer4"),
+    _drawer(3, "drawer1_bottom"),
+    _drawer(2, "drawer2_middle"),
+    _drawer(1, "drawer2_bottom"),
+    HandleMarker(
+        name="fridge_push_point", template="fridge", link="top_door", offset_m=(0.10, -0.62, 0.2)
+    ),
+    HandleMarker(
+        name="fridge_push_point",
+        template="fridge_mirrored",
+        link="top_door",
+        offset_m=(0.10, 0.62, 0.2),
+    ),
+]
+
+
+def add_kind(kind: ArticulationKind, *markers: HandleMarker) -> None:
+    """Adds a kind of door or drawer with its handles, for a skill of another package.
+
+    Tasks use the handle `kind.marker`; there is one marker for each furniture template.
+    """
+    ARTICULATION_KINDS[kind.name] = kind
+    HANDLE_MARKERS.extend(marker for marker in markers if marker not in HANDLE_MARKERS)

@@ -97,7 +97,7 @@ def register_skill(
         entry_point: ``module:Class`` of its `hab_tasks.engine.skill_env.SkillEnv`.
         horizon_steps: Maximum episode length, equal to the skill's.
         in_tasks: Name of the skill in tasks, ``open_x`` or ``close_x`` of a door or drawer ``x``;
-            its module adds the kind with `hab_tasks.world.scenes.markers.add_kind`.
+            its module adds the kind with `hab_tasks.articulations.add_kind`.
         behind: Receptacles for which a task has to open ``x`` (`hab_tasks.receptacles`).
 
     Raises:

@@ -103,7 +103,7 @@ class Walker:
     """A teacher that walks to the goal as fast as it can."""
 
     def labels(self, obs: Any, starts: torch.Tensor) -> Any:
-        """See `hab_ppo.teachers.Teacher`."""
+        """See `hab_ppo.distillation.Teacher`."""
         gap = np.asarray(obs["extra"]["goal"]) - np.asarray(obs["agent"]["position"])
         return np.clip(gap / 0.2, -1, 1).astype(np.float32)
 

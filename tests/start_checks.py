@@ -6,13 +6,13 @@ import math
 import numpy as np
 import torch
 
+from hab_tasks.articulations import HANDLE_MARKERS
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import template_of
 from hab_tasks.episodes.source import EpisodeSource
 from hab_tasks.geometry import to_matrix
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 
 AABB = "receptacle_aabb_"
 SOFA = AABB + "Sofa_frl_apartment_sofa"

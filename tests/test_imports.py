@@ -26,11 +26,10 @@ ORDER = [
         "arrays",
         "simulator",
     },
-    {"limits"},
     {"io"},
     {"task_spec", "typed_values"},
     {"articulations", "registration"},
-    {"geometry", "rendering", "option_values", "captions", "figure_style", "generation_lines"},
+    {"geometry", "rendering", "option_values", "captions", "figure_style"},
     {"world", "robots"},
     {"episodes"},
     {"instructions"},
@@ -72,8 +71,7 @@ SPA_ORDER = [
     {"tasks"},
     {"agents"},
     {"__init__"},
-    {"recording", "bench_plan"},
-    {"cli"},
+    {"cli", "recording", "bench_plan"},
 ]
 SPA = ROOT / "baselines" / "spa" / "hab_spa"
 

@@ -13,12 +13,12 @@ if TYPE_CHECKING:
     from hab_eval.run.agents import (
         close_hand,
         do_nothing,
+        load_agent,
         open_hand,
         random_agent,
         straight_line,
     )
     from hab_eval.run.evaluate import RunOptions, evaluate
-    from hab_eval.run.load_agent import load_agent
 
 __all__ = [
     "EvalConfig",
@@ -42,8 +42,14 @@ __getattr__, __dir__ = names_on_demand(
     {
         "records.config": ("EvalConfig",),
         "records.results": ("RunRecord", "read_record"),
-        "run.agents": ("close_hand", "do_nothing", "open_hand", "random_agent", "straight_line"),
+        "run.agents": (
+            "close_hand",
+            "do_nothing",
+            "load_agent",
+            "open_hand",
+            "random_agent",
+            "straight_line",
+        ),
         "run.evaluate": ("RunOptions", "evaluate"),
-        "run.load_agent": ("load_agent",),
     },
 )

@@ -1,20 +1,34 @@
-"""`hab-tasks episodes`: generates an episode file."""
+"""`hab-tasks list` and `episodes`: the table of environments, and a file of one's episodes."""
 
 from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
 
-from hab_tasks.commands.options import Episodes
+from hab_tasks.commands.options import Episodes, List
+from hab_tasks.envs import ENVS
 from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.episodes.made_files import EpisodeJournal
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError
-from hab_tasks.generation_lines import GenerationLines, progress_bar
+from hab_tasks.io.console import GenerationLines, progress_bar
 from hab_tasks.io.executors import open_executor
 from hab_tasks.io.files import check_file
 from hab_tasks.option_values import LARGEST_SEED, MOST_WORKERS, whole
 from hab_tasks.registration import imported_id
+
+
+def list_environments(_options: List) -> int:
+    """Prints the table."""
+    for entry in ENVS.values():
+        modes = ", ".join(entry.env.control_modes)
+        print(f"{entry.id}: {entry.horizon_steps} steps; control {modes}")
+        print(f"  {entry.env.summary()}")
+        for item in entry.env.observation:
+            shape = "x".join(map(str, item.shape))
+            print(f"  {item.name:<20} {shape:>4}  {item.unit:<7} {item.meaning}")
+    return 0
+
 
 EPISODE_ENDINGS = (".json", ".json.gz")
 

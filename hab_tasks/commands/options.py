@@ -24,7 +24,7 @@ class List(Command):
 
 Example:
   hab-tasks list"""
-    work: ClassVar[str] = "hab_tasks.commands.list:run"
+    work: ClassVar[str] = "hab_tasks.commands.episodes:list_environments"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -49,6 +49,7 @@ class EpisodeSampler:
             # Draw a seed, so that recorders can store one that reproduces the episode.
             seed = int(self._order.integers(SEEDS, size=1)[0])
         else:
+            # Streams of one seed: 0 draws this episode, 1 those after it.
             self._order = np.random.default_rng([self.source.seed, seed, 1])
         if isinstance(wanted, Episode):
             self.episode = wanted

@@ -25,8 +25,7 @@ from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
-from hab_tasks.robots.control import ee_step_m
-from hab_tasks.robots.delay import LONGEST_STEPS, ActionDelay
+from hab_tasks.robots.control import LONGEST_STEPS, ActionDelay, ee_step_m
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.hidden_objects import Containers
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
@@ -93,6 +92,7 @@ class EpisodeSimulation:
         self._prefetch = prefetch
         whole("num_episodes", num_episodes, 1, UNLIMITED)
         flag("prefetch", prefetch)
+        # A bad file is refused before anything is built.
         for episode in source.given:
             check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
@@ -186,11 +186,13 @@ class EpisodeSimulation:
         self._setting = GoalSetting(self.requirements, scene_bodies, self.grasp)
         furniture = list(scene_bodies.articulations.values())
         self._sleeping = SleepingObjects(movable, agent, furniture)
+        # The same array, which `refresh` updates in place: the grasp reads no body again.
         self.grasp.known_com_m = self._sleeping.com_m
         if self.requirements.takes == "any":
             kinds, com_m = self.requirements.articulations, self.grasp.objects_com_m
             containers = Containers(kinds, handles, com_m)
             self.grasp.is_enclosed = containers.is_enclosed
+        # Never the same twice in a process, as planners keep what they made of the bodies of a key.
         key = f"{layout}#{next(_shows)}"
         self.truth = GroundTruth(key, self._pool, scene_bodies, agent, self.grasp)
 
@@ -209,9 +211,11 @@ class EpisodeSimulation:
         apply_episode(episode, self.scene_bodies, self._agent, in_place)
         self.targets = self._setting.targets(episode)
         self.handles = self._setting.handles(episode)
+        # Objects are put to sleep where they were just placed.
         self._freeze(in_place)
         if episode.held is not None:
             held = self._names.index(episode.held)
+            # Tied to a kinematic body, the hand would be fixed in the world.
             self._sleeping.wake(held)
             self.grasp.attach(held)
         self._force.clear()
@@ -245,6 +249,7 @@ class EpisodeSimulation:
     def step(self, gripper: float) -> None:
         """Grasps or releases, and steps the physics of one action."""
         grasp, force, sleeping = self.grasp, self._force, self._sleeping
+        # First, so that whatever the hand may take or touch in this step is dynamic.
         sleeping.before_step(grasp.held, self._touched or grasp.holding)
         grasp.command(gripper)
         force.clear()
@@ -256,6 +261,8 @@ class EpisodeSimulation:
             self._scene.px.step()
             force.add_physics_step()
             if moving and force.deepest_m() > BLOCKED_DEPTH_M:
+                # Back by a share, to where it was not so deep inside; the rest of the action is
+                # dropped.
                 self._move_joints(number / PHYSICS_STEPS)
                 moving = False
         grasp.after_control_step()
@@ -278,6 +285,7 @@ class EpisodeSimulation:
         known, self._loose = self._loose, self.episode.loose
         if known != self._loose:
             return frozenset()
+        # Neither placed nor measured again, as they are where the episode has them.
         names = (self._names[index] for index in self._sleeping.undisturbed())
         return frozenset(name for name in names if name in loose)
 
@@ -315,6 +323,8 @@ class EpisodeSimulation:
         self._loose = {}  # a restored state may have moved any of them
         self._freeze()
         held, leaving_m = int(state["grasp"]["held"][0]), state["grasp"]["leaving_m"][0]
+        # What is held, or still leaving the hand, may be at rest in the state; it has to be
+        # dynamic.
         for index in [held] * (held != NOTHING) + torch.nonzero(leaving_m).flatten().tolist():
             self._sleeping.wake(index)
         self.grasp.set_state(state["grasp"])

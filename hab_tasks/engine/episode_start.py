@@ -75,6 +75,7 @@ def _faults(
     if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):
+        # Put this way, NaN is refused as well; so are joints below.
         if not all(abs(value) <= FARTHEST_M for value in values):
             yield field, f"{list(values)} is not within {FARTHEST_M:g} m of the origin"
 
@@ -193,6 +194,7 @@ def apply_episode(
 def _apply_joints(episode: Episode, scene_bodies: SceneBodies) -> None:
     for name, furniture in scene_bodies.articulations.items():
         index = {joint.name: i for i, joint in enumerate(furniture.active_joints)}
+        # Closed unless the episode opens it: an earlier one may have left it open.
         qpos = torch.zeros(1, len(index), device=furniture.device)
         for joint, value in episode.joints.get(name, {}).items():
             qpos[0, index[joint]] = value
@@ -203,6 +205,7 @@ def _apply_joints(episode: Episode, scene_bodies: SceneBodies) -> None:
 def _apply_objects(episode: Episode, scene_bodies: SceneBodies, in_place: frozenset[str]) -> None:
     for name, actor in scene_bodies.pickables.items():
         _place(actor, episode.objects[name])
+    # Loose objects that the episode does not name stand where the layout has them.
     starts = {o.name: o.world_from_object for o in scene_bodies.spec.objects if o.dynamic}
     for name, actor in scene_bodies.loose.items():
         if name not in in_place:
@@ -212,11 +215,13 @@ def _apply_objects(episode: Episode, scene_bodies: SceneBodies, in_place: frozen
 def _place(actor: Actor, pose: Pose7) -> None:
     body: Any = rigid_body(actor)
     body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
+    # PhysX refuses velocities of a kinematic body, which has none.
     if not body.kinematic:
         body.linear_velocity = body.angular_velocity = (0.0, 0.0, 0.0)
 
 
 def _apply_robot(episode: Episode, agent: MobileManipulator) -> None:
+    # Torso, head and fingers are fixed, and not part of an episode.
     qpos = agent.rest_qpos()[None]
     qpos[0, agent.base_index] = torch.tensor(episode.robot.base, device=agent.device)
     for name, value in zip(agent.spec.arm_joints, episode.robot.arm_qpos_rad, strict=True):

@@ -11,14 +11,13 @@ import sapien
 from torch import Tensor
 
 from hab_tasks.arrays import Floats, put_rows, to_tensor
-from hab_tasks.articulations import ArticulationKind
+from hab_tasks.articulations import HANDLE_MARKERS, ArticulationKind
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.simulator import rigid_body, sapien_object
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 from hab_tasks.world.scenes.scene_bodies import SceneBodies
 
 
@@ -82,6 +81,7 @@ class Goals:
             starts_m=zeros(objects, 3),
             goals_m=zeros(objects, 3),
             joint_lower=zeros(articulations),
+            # A share of the travel is computed in rows without an episode too.
             joint_upper=zeros(articulations) + 1.0,
             articulation_frame=zeros(articulations, 3),
             base=zeros(3),
@@ -135,6 +135,7 @@ class GoalSetting:
         for number, target in enumerate(episode.targets):
             if target.world_from_goal is not None:
                 pose = target.world_from_goal
+                # The episode has the pose of the body's frame; measures are of its centre of mass.
                 body = rigid_body(self._grasp.objects[self._names.index(target.object)])
                 goals[number] = (
                     sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
@@ -160,7 +161,9 @@ def handles_of(shown: SceneBodies) -> list[Handle]:
     scales = {a.name: a.scale for a in shown.spec.articulations}
     for name, furniture in shown.articulations.items():
         for marker in HANDLE_MARKERS:
+            # An instance is named ``template_:0000``.
             if marker.template == name.rsplit("_:", 1)[0]:
+                # Markers are in the frame before the furniture is scaled.
                 x, y, z = (scales[name] * value for value in marker.offset_m)
                 found.append(
                     Handle(

@@ -47,6 +47,7 @@ class Poses(Mapping[str, Array]):
         return len(self._fixed) + len(self._moving)
 
     def __reduce__(self) -> tuple[type[dict[str, Array]], tuple[dict[str, Array]]]:
+        # Sent to another process as matrices; SAPIEN's poses stay in this one.
         return dict, (dict(self),)
 
 
@@ -83,6 +84,7 @@ class GroundTruth:
         drawers `kinds`.
         """
         shown, agent = self._scene_bodies, self._agent
+        # On demand, as only planners ask, and the meshes of a layout are many.
         if not self._bodies:
             self._bodies = self._read_bodies()
         present = set(episode.objects) | set(shown.loose)
@@ -155,6 +157,7 @@ class GroundTruth:
     def _articulation(self, kind: str, index: int) -> ArticulationState:
         handle = self._grasp.handles[index]
         link: Any = sapien_object(handle.link)
+        # SAPIEN's joints move along or about the x axis of their frame.
         axis = matrix(link.joint.global_pose)
         return ArticulationState(
             kind=kind,

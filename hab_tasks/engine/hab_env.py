@@ -28,8 +28,7 @@ from hab_tasks.engine.observing_env import ObservingEnv
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
-from hab_tasks.episodes.request import EpisodeRequest
-from hab_tasks.episodes.schema import Episode
+from hab_tasks.episodes.schema import Episode, EpisodeRequest
 from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
@@ -130,8 +129,8 @@ class HabEnv(ObservingEnv):
         request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
         options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
         self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
-        Rows([self._simulation], self.rules_of)
-        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})
+        Rows([self._simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
 
     @classmethod
     def known_mode(cls, control_mode: str | None) -> str:
@@ -254,6 +253,7 @@ class HabEnv(ObservingEnv):
             options["env_idx"] = torch.tensor(row_numbers("env_idx", options["env_idx"], 1))
         seeds("seed", seed, 1)
         number = None if seed is None else int(np.ravel(seed)[0])
+        # ManiSkill would set a state instead of starting the episode that the state is of.
         episode, restored = options.pop("episode", None), options.pop("reset_to_env_states", None)
         if isinstance(episode, list | tuple):
             if len(episode) != 1:
@@ -268,6 +268,7 @@ class HabEnv(ObservingEnv):
         before = simulation.shown
         obs, info = super().reset(seed=seed, options=options)
         if seed is None:
+            # ManiSkill's recorder stores this; the seed that it drew would give another episode.
             self._episode_seed[:] = simulation.seed
         # Recorders read from this whether the entries of the state changed.
         info["reconfigure"] = info["reconfigure"] or simulation.shown is not before
@@ -316,10 +317,12 @@ class HabEnv(ObservingEnv):
         info: dict[str, Any] = {
             "success": shared_tensor(result.success[here]),
             "fail": shared_tensor(result.fail[here]),
+            # ManiSkill asks for the reward later; the rules are evaluated once.
             "reward": shared_tensor(result.reward[here]),
         }
         for group, values in result.groups.items():
             info[group] = {name: shared_tensor(value[here]) for name, value in values.items()}
+        # The rules give the same zeros in every step, so they become tensors once.
         if self._unpaid[0] is not result.unpaid:
             self._unpaid = result.unpaid, {n: to_tensor(x[here]) for n, x in result.unpaid.items()}
         info["reward_terms"] = self._unpaid[1] | info["reward_terms"]
@@ -367,8 +370,10 @@ class HabEnv(ObservingEnv):
         rows, row = self.rows, self._simulation.row
         present = rows.get_state(row)
         simulator = {key: value for key, value in state.items() if key not in present}
+        # All checks come first, so that a bad state leaves the episode as it is.
         self._simulation.refuse_other_bodies(simulator)
         kept = shaped_like(state, present)
+        # A sleeping body is kinematic, and takes no velocity.
         self._simulation.thaw()
         super().set_state_dict(simulator)
         rows.set_state(row, kept)

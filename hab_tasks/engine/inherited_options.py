@@ -48,6 +48,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
 
 def check_backend(sim_backend: str | None) -> None:
     """Raises OptionError for simulation on a GPU."""
+    # A name may have a device, as in ``physx_cuda:0``.
     if (sim_backend or "auto").partition(":")[0] not in (*CPU_SIM_BACKENDS, "auto"):
         raise OptionError.of_value("sim_backend", sim_backend, f"'physx_cpu' or 'auto'. {ADVICE}")
 

@@ -29,7 +29,7 @@ from hab_tasks.arrays import (
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, REST_SPEED_M_S, REST_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.world.navigation.layout_maps import GeodesicDistances
+from hab_tasks.world.navigation.navigation_map import GeodesicDistances
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
@@ -145,6 +145,7 @@ class Tracker:
         """Starts the episodes in `rows` (R,) at `snapshot`; the other rows keep their state."""
         chosen = row_mask(len(self._rows), rows)
         free = snapshot.held[:, None] != self.targets
+        # Everything rests when an episode begins; a held object has not been let go of yet.
         still = np.where(free, np.float32(REST_STEPS), np.float32(0.0))
         self.still_steps = np.where(chosen[:, None], still, self.still_steps)
         self._objects_m = np.where(chosen[:, None, None], snapshot.objects_m, self._objects_m)
@@ -174,6 +175,7 @@ class Tracker:
     def advance(self, snapshot: Snapshot, stopped: Bools) -> None:
         """Advances by one control step; `stopped` (N,): the action was the stop action."""
         last = self.measures
+        # First, as whether the target is placed depends on this step's count.
         self._watch_objects(snapshot)
         values: dict[str, Batch] = self._absent | self._distances(snapshot, last)
         values["force_n"] = snapshot.force_n
@@ -232,6 +234,7 @@ class Tracker:
             values |= self._articulation(s, blank)
         if self.geodesic is not None:
             values |= self._navigation(s, blank, self.geodesic)
+        # Changes since the blank measures, which stand for a past that did not happen.
         values |= {name: self._absent[name] for name in _CHANGES}
         values["force_n"] = s.force_n
         return Measures(**values)
@@ -245,6 +248,7 @@ class Tracker:
         if self.handles.shape[1]:
             gaps.append(self._of(s.handles_m, self.focus.articulation) - s.ee_m)
             names = _DISTANCES
+        # One norm for all, as a call on a few numbers takes as long as one on many.
         now = norm(np.array(gaps))
         values: dict[str, Batch] = dict(zip(names, now, strict=True))
         for name in names:
@@ -279,6 +283,7 @@ class Tracker:
         goals = self.goals
         lower, upper = self._of(goals.joint_lower, focus), self._of(goals.joint_upper, focus)
         holding = s.held_handle == self._of(self.handles, focus)
+        # Paid once an episode: letting go and grasping again would earn it forever.
         before = last.grabbed_before | last.holding_handle
         return {
             "holding_handle": holding,
@@ -307,6 +312,7 @@ class Tracker:
 
     def _of(self, values: Batch, column: Ints) -> Batch:
         """Returns values (N, C, ...) at the column (N,) of each row, (N, ...)."""
+        # The common cases without fancy indexing, which takes several times as long.
         if values.shape[1] == 1:
             return values[:, 0]
         if len(column) == 1:

@@ -92,6 +92,7 @@ class NoiseSource:
     def images(self, data: Images) -> Images:
         """Returns noisy images of each camera: name -> (1, H, W, C)."""
         return {
+            # Stream 0 is that of the joints; a camera has one for colours and one for ranges.
             camera: {name: self._image(2 * number + 1, name, image) for name, image in each.items()}
             for number, (camera, each) in enumerate(data.items())
         }
@@ -142,6 +143,7 @@ def _ranged(image: Tensor, per_m: Tensor) -> Tensor:
     """
     depth = image if image.shape[-1] == 1 else -image[..., 2:3]
     depth_m = depth if image.is_floating_point() else depth / 1000.0
+    # Clamped, as a draw may not move a point behind the camera.
     noisy = image[..., :3] * (1.0 + per_m * depth_m).clamp(min=0.0)
     if not image.is_floating_point():
         bounds = torch.iinfo(image.dtype)

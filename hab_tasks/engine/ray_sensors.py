@@ -77,6 +77,7 @@ class RaySensors:
     ) -> None:
         """Mounts the cameras of a rig, with the `changes` of ManiSkill's `sensor_configs`."""
         configs = {config.uid: config for config in rig.configs(agent.link)}
+        # Copied, as ManiSkill's function takes entries out of what it is given.
         update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
         self.cameras = {name: RayCamera(config) for name, config in configs.items()}
         self._simulation, self._agent = simulation, agent

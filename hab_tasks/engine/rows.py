@@ -45,11 +45,14 @@ class Rows:
         arm = len(first.robot.arm_joints)
         self._sizes = arm, requirements.objects, len(requirements.articulations)
         self.maps = first.maps
+        # An environment has made a group of one of its simulation; a worker joins it with others
+        # anew.
         for number, simulation in enumerate(simulations):
             simulation.rows, simulation.row = self, number
             simulation.maps = self.maps  # they differ in nothing, and take memory
         geodesic = GeodesicDistances(count) if requirements.navigates else None
         self.tracker = Tracker(Goals.empty(count, *self._sizes[1:]), geodesic)
+        # One table for all rows and fields, so that a snapshot is one copy.
         self._table = np.zeros((count, Snapshot.width(*self._sizes)), dtype=np.float32)
         self._held = np.full((2, count), NOTHING)
         self._lost = np.zeros(count, dtype=bool)
@@ -90,12 +93,14 @@ class Rows:
         """Starts the measures of a row, after its simulation has applied an episode."""
         simulation, tracker = self.simulations[row], self.tracker
         tracker.targets[row], tracker.handles[row] = simulation.targets, simulation.handles
+        # Read first: where nothing is to be placed, the goal of an object is where it starts.
         self._read(row)
         self._take_snapshot()
         values = simulation.goal_values(self.snapshot.objects_m[row])
         tracker.goals = self.goals.changed([row], {name: [v] for name, v in values.items()})
         if simulation.episode.navigation is not None:
             self.set_navigation_goal(row)
+        # After the goals, as the first measures are distances to them.
         tracker.begin(self.snapshot, [row])
         self.rules.begin_rows([row])
         self.steps[row] = 0
@@ -109,20 +114,25 @@ class Rows:
         for row, action in actions.items():
             if action is not None:
                 simulations[row].act(action)
+        # Rules are of all rows; what they say of rows that are not stepped goes unused.
         self.rules.before_action()
         wanted = np.array([simulation.gripper for simulation in simulations], dtype=np.float32)
+        # By the measures of the last step, which the agent has seen.
         gripper = self.rules.masked_gripper(wanted).tolist()
         for row in actions:
             simulations[row].step(gripper[row])
             self._read(row)
         self._take_snapshot()
         stopped = np.array([simulation.stopped for simulation in simulations])
+        # In all rows: those that were not stepped are reset next, which starts their measures anew.
         self.tracker.advance(self.snapshot, stopped)
         self.rules.after_action()
         for row in actions:
             self.steps[row] += 1
             noise = simulations[row].noise
             if noise is not None:
+                # After the rules and before the observation, once a step: reading twice gives the
+                # same.
                 noise.advance()
 
     # State -----------------------------------------------------------------------------------
@@ -148,6 +158,7 @@ class Rows:
         tracker.goals = self.goals.changed([row], kept["goals"])
         self.set_navigation_goal(row)
         self._read(row)
+        # Contacts are no part of a state; the force of its step is among its measures.
         self._force_n[row] = tracker.measures.force_n[row]
         self._take_snapshot()
         self.rules.set_state(state, [row])

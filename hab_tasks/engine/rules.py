@@ -94,7 +94,9 @@ class Rules:
     def evaluate(self) -> Evaluation:
         """Evaluates success, failures, reward and measures; has no side effects."""
         result = self.step_result()
+        # The last argument is False in every row, for skills without failures.
         fail = reduce(or_, result.failures.values(), result.success & False)
+        # One outcome an episode (docs/deviations.md), so a failed step earns no bonus either.
         success = result.success & ~fail
         terms = result.reward_terms({"success": success, **result.failures})
         groups = {

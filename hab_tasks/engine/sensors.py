@@ -67,6 +67,7 @@ def observed(
         UnknownNameError: Unknown frame.
         OptionError: The environment does not support the option.
     """
+    # Classes and their docs have Fetch's entries; another robot has other joints.
     arm = replace(ARM_QPOS, shape=(len(robot.arm_joints),))
     chosen = tuple(arm if entry is ARM_QPOS else entry for entry in entries)
     if target_frame not in get_args(TargetFrame):
@@ -261,4 +262,5 @@ def scale_depth(depth_mm: Tensor) -> Tensor:
     1 is 10 m and beyond, or no return.
     """
     depth = depth_mm.to(torch.float32) / (1000.0 * CAMERA_DEPTH_MAX_M)
+    # ManiSkill's 0 is no return: beyond the range, and not at the lens.
     return torch.where(depth <= 0, torch.ones_like(depth), depth.clamp(max=1.0))

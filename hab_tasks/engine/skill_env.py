@@ -114,6 +114,7 @@ class Skill:
         """Names of its `scores`."""
         nothing: dict[str, Any] = dict.fromkeys(MEANINGS, np.zeros(1, np.float32))
         zeros = Measures(**nothing)
+        # Their names only; they are computed from whatever numbers there are.
         return tuple(self.scores(zeros, np.zeros(1, bool), 1.0))
 
     def changed(self, changes: Mapping[str, float]) -> Skill:
@@ -150,6 +151,7 @@ class SkillRules(Rules):
         return StepResult(
             success=skill.success(s, m, g, skill.config),
             failures=skill.failures(s, m, g, skill.config),
+            # Called later, with the ends: the bonus depends on failures.
             reward_terms=partial(skill.reward_terms, s, m, g, skill.config),
             measures=lambda success: shown | skill.scores(m, success, rows.ee_step_m),
         )
@@ -185,6 +187,7 @@ class SkillEnv(HabEnv):
 
     def configure(self, changes: Mapping[str, float]) -> None:
         """Overrides weights and thresholds of the skill."""
+        # Of this instance; other environments of the class keep the paper's.
         self.skill = self.skill.changed(changes)  # type: ignore[misc]
         self.reward_bound = self.skill.reward_bound  # type: ignore[misc]
 

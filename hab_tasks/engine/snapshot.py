@@ -108,9 +108,11 @@ class SnapshotReader:
         fixed = now[self._arm :]
         fixed[3:6] = matrix[:3, 3] + self._ee_offset_m * matrix[:3, 0]
         fixed[6:15] = matrix[:3, :3].reshape(-1)
+        # Python's numbers from here: an array costs more than the arithmetic.
         base_x, base_y, yaw, ee_x, ee_y, ee_z = fixed[:6].tolist()
         x, y, cosine, sine = ee_x - base_x, ee_y - base_y, math.cos(yaw), math.sin(yaw)
         ee_in_base = cosine * x + sine * y, cosine * y - sine * x, ee_z
+        # The base only turns about z, so that its axes follow from the yaw.
         fixed[15:27] = *ee_in_base, cosine, -sine, 0.0, sine, cosine, 0.0, 0.0, 0.0, 1.0
         at = _FIXED
         for index in targets:
@@ -119,6 +121,7 @@ class SnapshotReader:
             at += 3
         for number, index in enumerate(handles):
             fixed[at : at + 3] = self._articulations[index].handle_m()
+            # From the end of the row, where the joints stand behind all handles.
             fixed[number - articulations] = self._articulations[index].joint()
             at += 3
 
@@ -172,6 +175,7 @@ class ContactForce:
             # The engine filters contacts between held object and robot, so they are not included.
             if first in links or second in links:
                 for point in contact.points:
+                    # Magnitudes are summed: of a link that is squeezed, the vectors would cancel.
                     x, y, z = point.impulse.tolist()
                     self._impulse_n_s += (x * x + y * y + z * z) ** 0.5
 
@@ -179,6 +183,7 @@ class ContactForce:
         """Returns how deep the robot is in another body after the latest physics step [m]."""
         links = self._links
         depths = (
+            # PhysX's separation is negative inside.
             -point.separation
             for contact in self._px.get_contacts()
             if contact.bodies[0] in links or contact.bodies[1] in links

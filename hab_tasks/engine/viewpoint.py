@@ -97,6 +97,7 @@ def _sees(candidate: int, base: Array, hand_m: Array, held: str | None, cast: Ca
     ahead = ahead / np.linalg.norm(ahead)
     way_m = hand_m - camera_m
     distance_m = float(np.linalg.norm(way_m))
+    # Half the field of view is the edge of the picture; a little less keeps the hand off it.
     in_picture = float(ahead @ way_m) > distance_m * np.cos(0.45 * FIELD_OF_VIEW_RAD)
     if not in_picture or not _stands_free(candidate, base, cast):
         return False
@@ -208,6 +209,7 @@ def _arrow(
             material=material,
         )
     )
+    # ManiSkill shows `_hidden_objects` while a human-render camera takes its picture.
     visual.visibility = 0.0
     entity = sapien.Entity()
     entity.name = "mark"

@@ -1,8 +1,13 @@
 """Episodes: data model, files, generation, and writing to the simulator."""
 
 from hab_tasks.episodes.making import EpisodeMaker, Wanted, load_episodes
-from hab_tasks.episodes.request import EpisodeRequest
-from hab_tasks.episodes.schema import Episode, EpisodeSet, read_episodes, write_episodes
+from hab_tasks.episodes.schema import (
+    Episode,
+    EpisodeRequest,
+    EpisodeSet,
+    read_episodes,
+    write_episodes,
+)
 from hab_tasks.episodes.source import open_source
 
 __all__ = [

@@ -18,8 +18,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 from hab_tasks.episodes.generators import Made
-from hab_tasks.episodes.request import EpisodeRequest
-from hab_tasks.episodes.schema import EpisodeSet
+from hab_tasks.episodes.schema import EpisodeRequest, EpisodeSet
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource, Progress, open_source
 from hab_tasks.errors import FileError, WorkerError, reported
 from hab_tasks.io.cache import writable_dir

@@ -1,4 +1,4 @@
-"""Data model of an episode: layout, object poses, robot start and goals; frozen.
+"""Data model of an episode: layout, object poses, robot start and goals; frozen; and requests.
 
 Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 3, "env", "scene_dataset", "made_from",
 "split", "seed", "scenes": {scene_id: {object name: pose}}, "episodes": [...]}``. Poses are
@@ -18,10 +18,12 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+from hab_tasks import option_values
 from hab_tasks.episodes.provenance import MadeFrom
-from hab_tasks.errors import EpisodeError, UnknownNameError
+from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
 from hab_tasks.geometry import Pose7
 from hab_tasks.io.files import written_aside
+from hab_tasks.robots.fetch import FETCH
 from hab_tasks.typed_values import read_value
 
 
@@ -253,3 +255,41 @@ def with_loose(episode: Episode, scenes: Mapping[str, dict[str, Pose7]], where: 
         if name not in episode.objects:
             raise EpisodeError(f"{where}: {name!r} is not among the objects.")
     return replace(episode, loose=scenes[episode.scene_id])
+
+
+@dataclass(frozen=True, kw_only=True)
+class EpisodeRequest:
+    """A request for episodes.
+
+    Attributes:
+        env_id: Their environment.
+        scene_dataset: ``apartment``, ``replica_cad``, or the path of a ReplicaCAD folder.
+        objects: Path of a YCB folder; None for the embedded objects.
+        split: ``train``, ``val`` or ``test``; None picks the least-seen split available.
+        scene: Restrict episodes to this layout.
+        file: An episode file instead of generated episodes.
+        seed: Seed of the generated episodes.
+        novel: ``objects`` or ``receptacles``: use those held out for evaluation (S E.1); None for
+            the training objects and the skill's own receptacles.
+        robot: ManiSkill's uid of the robot.
+    """
+
+    env_id: str
+    scene_dataset: str | Path = "apartment"
+    objects: str | Path | None = None
+    split: str | None = None
+    scene: str | None = None
+    file: str | Path | None = None
+    seed: int = 0
+    novel: str | None = None
+    robot: str = FETCH.uid
+
+    def __post_init__(self) -> None:
+        """Rejects values of a wrong type."""
+        option_values.whole("seed", self.seed, 0, option_values.LARGEST_SEED)
+        for option in ("split", "scene", "novel"):
+            option_values.name(option, getattr(self, option))
+        for option in ("scene_dataset", "objects", "file"):
+            option_values.path(option, getattr(self, option))
+        if self.scene_dataset is None:
+            raise OptionError.of_value("scene_dataset", None, "a path or a name")

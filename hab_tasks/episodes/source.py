@@ -22,8 +22,14 @@ from hab_tasks.episodes.generators import Made, generator_of
 from hab_tasks.episodes.generators.base import Objects
 from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
-from hab_tasks.episodes.request import EpisodeRequest
-from hab_tasks.episodes.schema import SCHEMA, Episode, EpisodeSet, read_episodes, write_episodes
+from hab_tasks.episodes.schema import (
+    SCHEMA,
+    Episode,
+    EpisodeRequest,
+    EpisodeSet,
+    read_episodes,
+    write_episodes,
+)
 from hab_tasks.errors import EpisodeError, FileError, UnknownNameError
 from hab_tasks.io.cache import find, read_cached, write_cached
 from hab_tasks.io.executors import Executor, LocalExecutor, Task

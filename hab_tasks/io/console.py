@@ -1,4 +1,4 @@
-"""Entry point of the console scripts: parses options, runs, reports errors in one line."""
+"""Entry point of the console scripts: parses options, runs, reports progress and errors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,8 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from functools import reduce
@@ -20,9 +21,9 @@ from types import FrameType
 from typing import Annotated, Any, ClassVar
 
 import tyro
+from tqdm import tqdm
 
-from hab_tasks import limits
-from hab_tasks.errors import HabError, RunStoppedError, UnknownNameError
+from hab_tasks.errors import HabError, RunStoppedError, UnknownNameError, limit_advice
 
 LONGEST_MESSAGE = 1000
 """Maximum length of a message on stderr; longer ones are abbreviated in the middle."""
@@ -217,7 +218,7 @@ def run_script(
             say(program, f"interrupted. {'' if command is None else command.advice()}")
             return EXIT_INTERRUPTED
         except Exception as error:
-            if not limits.advice(error):
+            if not limit_advice(error):
                 raise
             say(program, error)
             return EXIT_STOPPED
@@ -243,7 +244,7 @@ def tell(text: object) -> None:
 def say(program: str, message: object) -> None:
     """Writes a message or an error, with advice, to stderr in one line."""
     if isinstance(message, BaseException):
-        reason, advice = str(message) or type(message).__name__, limits.advice(message)
+        reason, advice = str(message) or type(message).__name__, limit_advice(message)
         message = f"{reason.rstrip('.')}. {advice}" if advice else reason
     sys.stderr.write(f"{program}: {one_line(message)}\n")
 
@@ -272,3 +273,38 @@ def _interrupt(signal_number: int, frame: FrameType | None) -> None:
             return
         frame = frame.f_back
     raise KeyboardInterrupt
+
+
+LINE_INTERVAL_S = 10.0
+
+
+class GenerationLines:
+    """Writes a line every `LINE_INTERVAL_S`, and at the end."""
+
+    def __init__(self, write_line: Callable[[str], None]) -> None:
+        self._write = write_line
+        self._last_line_s = time.monotonic()
+
+    def show(self, done: int, total: int) -> None:
+        """Writes a line, if one is due."""
+        now_s = time.monotonic()
+        if done < total and now_s - self._last_line_s < LINE_INTERVAL_S:
+            return
+        self._last_line_s = now_s
+        self._write(f"generated {done} of {total} episodes")
+
+
+@contextmanager
+def progress_bar(
+    unit: str, line: Callable[[int, int], None] | None = None
+) -> Iterator[Callable[[int, int], None]]:
+    """Yields a function that shows (done, all): a bar on a terminal, elsewhere it calls `line`."""
+    with tqdm(unit=unit, disable=None) as bar:
+
+        def show(done: int, total: int) -> None:
+            bar.total = total
+            bar.update(done - bar.n)
+            if bar.disable and line is not None:
+                line(done, total)
+
+        yield show

@@ -24,10 +24,9 @@ from multiprocessing import spawn
 from multiprocessing.connection import Connection, Pipe, wait
 from typing import Any, Generic, Self, TypeVar
 
-from hab_tasks.errors import HabError, WorkerError
+from hab_tasks.errors import HabError, WorkerError, check_open_files
 from hab_tasks.io import worker_server
 from hab_tasks.io.worker_server import STREAMS, THREADS, program, received
-from hab_tasks.limits import check_open_files
 
 J = TypeVar("J")
 R = TypeVar("R")

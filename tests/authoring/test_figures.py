@@ -4,7 +4,7 @@ import math
 
 import pytest
 from builders import tiny_dataset, tiny_scene, write_scene
-from hab_authoring.commands import figures
+from hab_authoring.commands import datasets
 from hab_authoring.figures.layouts import moved_furniture
 from hab_authoring.figures.statistics import (
     IN_GRASP,
@@ -122,7 +122,7 @@ def test_figures_are_written(run, tiny, tmp_path, monkeypatch):
     def refuse(*arguments, **options):
         raise RenderingUnavailableError("No Vulkan device can render images.")
 
-    monkeypatch.setattr(figures, "resolve_backend", refuse)
+    monkeypatch.setattr(datasets, "resolve_backend", refuse)
     done = run("figures", tiny, "--out", tmp_path / "fewer")
     assert "tiny has no micro-variations: fig06" in done.stdout
     assert not (tmp_path / "fewer/fig06_furniture.png").exists()

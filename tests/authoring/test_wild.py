@@ -10,6 +10,7 @@ from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import optimise
 from refusals import refused_by_call, refused_by_command
 
+from hab_tasks.articulations import FRIDGES
 from hab_tasks.cli import main
 from hab_tasks.episodes import EpisodeRequest, open_source
 from hab_tasks.registration import ENTRY_POINTS
@@ -17,7 +18,6 @@ from hab_tasks.world.scenes.fields import read_json
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.layout_geometry import Layout
-from hab_tasks.world.scenes.markers import FRIDGES
 
 COUNT = 2
 

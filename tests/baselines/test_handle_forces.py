@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
-from hab_spa.agents.factories import spa_priv
+from hab_spa.agents.skill_agents import spa_priv
 
 from hab_tasks.agent_spaces import agent_setup
 

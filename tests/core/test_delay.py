@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from hab_tasks.robots.delay import ActionDelay
+from hab_tasks.robots.control import ActionDelay
 
 
 class Controller:

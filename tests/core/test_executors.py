@@ -8,7 +8,7 @@ import pytest
 from hab_tasks.cli import main
 from hab_tasks.errors import RunStoppedError
 from hab_tasks.io.executors import ExecutorChoice, Task, open_executor
-from hab_tasks.io.executors.ray_worker import JobWorker, Origin, this_origin
+from hab_tasks.io.executors.ray_executor import JobWorker, Origin, this_origin
 
 EPISODES = ("episodes", "--env", "HabPick-v1", "--split", "val", "--seed", "7", "--count", "4")
 

@@ -11,11 +11,11 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from hab_tasks.articulations import HANDLE_MARKERS
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.receptacles import PLACE_RECEPTACLES, UNSEEN_RECEPTACLES
 from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 from hab_tasks.world.scenes.objects import load_objects
 
 pytestmark = pytest.mark.assets

@@ -7,11 +7,11 @@ import torch
 from builders import box_actor, cpu_scene, start_fetch
 from fetch_sim import HAND_M, FetchSim
 
+from hab_tasks.articulations import HANDLE_MARKERS
 from hab_tasks.robots.fetch.agent import HabFetch
 from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 from hab_tasks.world.scenes.physics import STATIC, set_groups
 from hab_tasks.world.scenes.pool import BodyPool
 

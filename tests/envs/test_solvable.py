@@ -4,10 +4,10 @@ import gymnasium as gym
 import pytest
 import torch
 from hab_eval.records.config import EvalConfig
+from hab_eval.run.agents import load_agent
 from hab_eval.run.environments import make_env
-from hab_eval.run.load_agent import load_agent
 from hab_eval.run.runner import run_episode
-from hab_spa.agents.factories import SKILLS
+from hab_spa.agents.skill_agents import SKILLS
 from playing import long, slow
 
 from hab_tasks.agent import AgentSetup

@@ -4,7 +4,7 @@ import pickle
 
 import numpy as np
 import torch
-from hab_eval.run.packing import ObsPacker, ObsUnpacker
+from hab_eval.run.isolation import ObsPacker, ObsUnpacker
 
 from hab_tasks.privileged import CollisionBody, PrivilegedState
 

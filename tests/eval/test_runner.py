@@ -5,7 +5,7 @@ import stub_hab
 import torch
 from hab_eval import random_agent
 from hab_eval.errors import AgentError
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_eval.run.runner import run_episode
 
 from hab_tasks.agent import Agent, AgentReport, AgentSetup, check_options

@@ -7,8 +7,7 @@ import re
 import pytest
 from hab_eval.errors import ResultError
 from hab_eval.records import paper
-from hab_eval.records.results import write_record
-from hab_eval.records.video_names import highlights
+from hab_eval.records.results import highlights, write_record
 from hab_eval.site import comparison
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles

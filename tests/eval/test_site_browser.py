@@ -12,8 +12,7 @@ from pathlib import Path
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from hab_eval.records.results import read_record, summarize, write_record
-from hab_eval.records.video_names import video_name
+from hab_eval.records.results import read_record, summarize, video_name, write_record
 from hab_eval.site.build import SiteOptions, build_site
 from PIL import Image
 from site_records import record_of, write_submissions

@@ -4,8 +4,8 @@ import re
 from dataclasses import replace
 
 import pytest
-from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.leaderboard import default_submissions, read_submissions
+from hab_eval.records.provenance import AgentFiles
 from hab_eval.records.results import read_record, summarize, write_record
 from hab_eval.records.submissions import submission_name
 from hab_eval.run.replay import Replay, draw, episode_differences

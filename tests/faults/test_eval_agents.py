@@ -7,7 +7,7 @@ import stub_hab
 import torch
 from faulty_agents import ACTIONS, REPORTS, SPECS
 from hab_eval.cli import main
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_eval.run.runner import run_episode
 from refusals import check_each, check_words, refused_by_call, refused_by_command
 from stub_runs import FAULTY, journal_ids

@@ -7,11 +7,11 @@ from dataclasses import replace
 from html.parser import HTMLParser
 
 import pytest
+from hab_eval.commands.run import leaderboard_tables, result_table
 from hab_eval.records import plain_text
 from hab_eval.records.failures import draw_failures, failure_table
 from hab_eval.records.leaderboard import build_groups, to_html, to_markdown
 from hab_eval.records.plain_text import figure_text, plain
-from hab_eval.records.report import leaderboard_tables, result_table
 from hab_eval.records.results import summarize, write_record
 from hab_eval.run.progress import describe
 from hab_eval.site.build import SiteOptions, build_site

@@ -2,10 +2,9 @@
 
 from dataclasses import replace
 
-from hab_tasks.articulations import ArticulationKind, Rectangle
+from hab_tasks.articulations import ArticulationKind, HandleMarker, Rectangle, add_kind
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.skills.open_drawer import OPEN_DRAWER
-from hab_tasks.world.scenes.markers import HandleMarker, add_kind
 
 BEFORE = Rectangle(x_m=(0.6, 0.9), y_m=(-0.4, 0.4))
 CABINET = ArticulationKind(

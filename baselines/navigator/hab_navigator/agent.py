@@ -12,7 +12,7 @@ import torch
 from torch import Tensor
 
 from hab_navigator.navigator import REPEAT, Navigator, Stops
-from hab_navigator.weights import NAVIGATOR, WEIGHTS, load, shipped_navigator
+from hab_navigator.network import NAVIGATOR, WEIGHTS, load, shipped_navigator
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError

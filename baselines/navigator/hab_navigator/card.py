@@ -9,7 +9,7 @@ from typing import Any
 from hab_eval.records.results import RunRecord
 from hab_ppo.cards import NOT_EVALUATED, result, table
 
-from hab_navigator.weights import NAVIGATOR, is_run, load, ship, shipped_navigator
+from hab_navigator.network import NAVIGATOR, is_run, load, ship, shipped_navigator
 from hab_tasks.skills.navigate import NAVIGATE_ID
 
 __all__ = ["card", "cards", "is_run", "ship"]

@@ -1,4 +1,4 @@
-"""The goal network: where the goal pose may be, given the map around the point to go to.
+"""The goal network: where the goal pose may be, given the map around the target; its files.
 
 Navigate's goal is a start pose of another skill; which one is not observed, but how such poses lie
 to furniture, open doors and drawers can be learned. The network has the form of a U-Net (arXiv
@@ -8,8 +8,13 @@ to furniture, open doors and drawers can be learned. The network has the form of
 from __future__ import annotations
 
 import math
+from pathlib import Path
+from typing import Any
 
+import hab_ppo
 import torch
+from hab_ppo import checkpoint
+from hab_ppo.checkpoint import PolicyFileError
 from torch import Tensor, nn
 from torch.nn.functional import interpolate
 
@@ -83,3 +88,66 @@ def _block(before: int, after: int, stride: int = 1) -> nn.Sequential:
         nn.GroupNorm(4, after),
         nn.ReLU(inplace=True),
     )
+
+
+NAVIGATOR = "navigator"
+"""Name of the agent."""
+
+WEIGHTS = "navigator.safetensors"
+"""File of weights in a run's folder, and in the package."""
+
+SHIPPED = Path(hab_ppo.__file__).parent / "navigation"
+"""Submissions name the file there."""
+
+KIND = "navigator"
+"""Entry ``kind`` of the description of such a file."""
+
+
+def save(path: Path, network: GoalNetwork, about: dict[str, Any]) -> None:
+    """Writes a file of weights."""
+    checkpoint.save(path, dict(network.state_dict()), about)
+
+
+def load(path: Path) -> tuple[GoalNetwork, dict[str, Any]]:
+    """Returns the network of a file, and the file's description.
+
+    Raises:
+        PolicyFileError: Not such a file.
+    """
+    tensors, about = checkpoint.load(path)
+    network = GoalNetwork()
+    shapes = {name: value.shape for name, value in network.state_dict().items()}
+    if about.get("kind") != KIND or {n: v.shape for n, v in tensors.items()} != shapes:
+        raise PolicyFileError(f"{path} is not a file of weights of this version's navigator.")
+    network.load_state_dict(tensors)
+    return network.eval(), about
+
+
+def shipped_navigator() -> Path:
+    """Returns the weights that ship."""
+    return SHIPPED / WEIGHTS
+
+
+def is_navigator(path: Path) -> bool:
+    """Whether a file holds weights of a navigator.
+
+    Raises:
+        PolicyFileError: It is not a file of weights.
+    """
+    return checkpoint.load(path)[1].get("kind") == KIND
+
+
+def is_run(folder: Path) -> bool:
+    """Whether a folder is that of a navigator's run."""
+    return (folder / WEIGHTS).is_file()
+
+
+def ship(run: Path) -> Path:
+    """Copies the weights of a run to the package; returns the file.
+
+    Raises:
+        PolicyFileError: The file cannot be used.
+    """
+    network, about = load(run / WEIGHTS)
+    save(shipped_navigator(), network, about)
+    return shipped_navigator()

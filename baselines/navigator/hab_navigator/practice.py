@@ -15,13 +15,11 @@ from torch import Tensor
 
 from hab_navigator.lessons import Lessons
 from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
-from hab_navigator.network import GoalNetwork
-from hab_navigator.weights import load
-from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
+from hab_navigator.network import GoalNetwork, load
+from hab_tasks.engine.rollout import EndRolloutError, Job, VectorRows, flag, play
 from hab_tasks.envs import ENVS
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID
-from hab_tasks.vector.episode_rows import VectorRows
 
 EVERY_ACTIONS = 12
 """A lesson is taken every so many actions, and the first time after so many as the row's number."""

@@ -13,15 +13,14 @@ from typing import Any
 import torch
 from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
-from hab_ppo.errors import PolicyFileError
+from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 
 from hab_navigator.command import NavigatorCommand
 from hab_navigator.lessons import Lessons, fit, misfit
-from hab_navigator.network import GoalNetwork
+from hab_navigator.network import KIND, WEIGHTS, GoalNetwork, load, save
 from hab_navigator.practice import Played, PracticePlan, practise
-from hab_navigator.weights import KIND, WEIGHTS, load, save
 from hab_tasks.episodes import EpisodeMaker, EpisodeRequest, Wanted
 from hab_tasks.io.console import tell
 from hab_tasks.io.files import check_folder

@@ -9,7 +9,10 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.io.console import Command, run_script
+from hab_plans.plan import plan_of
+from hab_plans.problem import domain, problem_of
+from hab_tasks.io.console import Command, run_script, tell
+from hab_tasks.io.files import check_file, written_aside
 
 PLAN_HELP = """Prints the planning domain, a task's problem and its plan.
 
@@ -25,7 +28,7 @@ class PlanCommand(Command):
     """Options of `hab-planner plan`."""
 
     help: ClassVar[str] = PLAN_HELP
-    work: ClassVar[str] = "hab_plans.print_plan:run"
+    work: ClassVar[str] = "hab_plans.cli:run"
 
     env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ID")]
     """Environment id of a task, e.g. HabSetTable-v1."""
@@ -38,6 +41,25 @@ class PlanCommand(Command):
 
 
 COMMANDS: dict[str, type[Command]] = {"plan": PlanCommand}
+
+
+def run(options: PlanCommand) -> int:
+    """Prints domain, problem and plan, and writes the plan if requested."""
+    from hab_plans.solve import solve  # takes a second; --help does without
+
+    problem = problem_of(options.env)
+    if options.out is not None:
+        check_file(options.out, force=options.force)
+    plan = solve(problem) if options.solve else plan_of(options.env)
+    tell(domain())
+    tell(problem.pddl())
+    for number, action in enumerate(plan.actions, 1):
+        tell(f"{number:2d}. {action!s:60s} {action.skill}")
+    if options.out is not None:
+        with written_aside(options.out) as scratch:
+            scratch.write_text(plan.to_json(), encoding="utf-8")
+        tell(f"wrote {len(plan.actions)} actions to {options.out}")
+    return 0
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

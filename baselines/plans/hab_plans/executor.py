@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any, Generic
 
 from hab_plans.belief import achieved, start_given
-from hab_plans.errors import NoPlanError
 from hab_plans.motion import Failure, Motion
 from hab_plans.motion_log import MotionLog, R
 from hab_plans.plan import Action, Plan, plan_of
-from hab_plans.problem import Atom, problem_of
+from hab_plans.problem import Atom, NoPlanError, problem_of
 from hab_plans.protocols import BasePose, NavigationRequest, SkillProvider, Team
 from hab_plans.stage import Stage, stage_of
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, dataclass
 
-from hab_plans.extension import ACTION_OF
-from hab_plans.problem import ROOM, SPAWN, spec_of, thing
+from hab_plans.problem import ACTION_OF, ROOM, SPAWN, spec_of, thing
 from hab_tasks.task_spec import (
     Interaction,
     TaskSpec,

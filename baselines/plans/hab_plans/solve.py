@@ -11,9 +11,8 @@ from unified_planning.io import PDDLReader
 from unified_planning.model import MinimizeSequentialPlanLength
 from unified_planning.shortcuts import OneshotPlanner, SequentialSimulator
 
-from hab_plans.errors import NoPlanError, PlannerError
 from hab_plans.plan import Action, Plan
-from hab_plans.problem import Atom, TaskProblem, domain
+from hab_plans.problem import Atom, NoPlanError, PlannerError, TaskProblem, domain
 
 PLANNER = "fast-downward-opt"
 

@@ -12,9 +12,9 @@ import torch
 from torch import Tensor
 
 from hab_ppo import checkpoint
-from hab_ppo.errors import PolicyFileError
+from hab_ppo.actions import RowNoise
+from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.network import Policy, new_policy
-from hab_ppo.noise import RowNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import Recipe
 from hab_ppo.rows import binary_entries

@@ -16,9 +16,9 @@ from safetensors import SafetensorError
 from safetensors import torch as safe
 from torch import Tensor
 
-from hab_ppo.errors import PolicyFileError
 from hab_ppo.network import Policy
 from hab_ppo.ppo import PPO
+from hab_tasks.errors import HabError
 from hab_tasks.io.files import written_aside
 
 FORMAT = 1
@@ -26,6 +26,10 @@ FORMAT = 1
 
 KEY = "hab_ppo"
 Tensors = dict[str, Tensor]
+
+
+class PolicyFileError(HabError):
+    """A file of weights or a checkpoint that cannot be used."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,13 +12,12 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_ppo.actions import ActionNoise
 from hab_ppo.distributed import Ranks
 from hab_ppo.network import Policy
-from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
-from hab_tasks.engine.rollout import Outcome
-from hab_tasks.vector.episode_rows import VectorRows
+from hab_tasks.engine.rollout import Outcome, VectorRows
 
 EPISODE_SUMS = ("episodes", "successes", "return", "length")
 """Sums over finished episodes; how many of them reached each stage of a task follows."""

@@ -9,8 +9,8 @@ from typing import Any
 from matplotlib.figure import Figure  # without pyplot, and so without a display
 
 from hab_ppo import checkpoint
+from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.commands import PlotCommand
-from hab_ppo.errors import PolicyFileError
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import FILE, read_progress
 from hab_tasks.errors import OptionError

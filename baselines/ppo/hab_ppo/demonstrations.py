@@ -19,17 +19,16 @@ import numpy as np
 import torch
 from hab_eval.records.config import EvalConfig
 from hab_eval.run import environments
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_eval.run.runner import run_episode
 
 from hab_ppo.agent import spec_of
 from hab_ppo.demonstration_file import Followed
 from hab_ppo.episodes import training_source
-from hab_ppo.errors import RecipeError
 from hab_ppo.examples import Examples
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import Recipe
+from hab_ppo.recipe import Recipe, RecipeError
 from hab_ppo.replay import DRIVING_MODE, MODES, Disturbance, replay
 from hab_ppo.retiming import Recorded, Stretch, straight, stretches, varied, within_workspace
 from hab_tasks.agent import Agent, AgentSetup

@@ -3,23 +3,40 @@
 Every rank has a learner of its own. Gradients and moments are summed over the ranks, so all of
 them stay equal. A rank stops its rollout early once enough of the others have finished theirs
 (preemption); they count in the process group's key-value store.
+
+torchrun's elastic agent starts the ranks of one machine. The stores that it makes listen on all
+interfaces, whatever their endpoint says, and anyone who reaches one can write to it; the
+rendezvous here is one that no other machine can reach.
 """
 
 from __future__ import annotations
 
 import os
+import socket
+import sys
 import time
 import uuid
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from datetime import timedelta
 
 import torch
 import torch.distributed as dist
 from torch import Tensor
+from torch._C._distributed_c10d import TCPStore
 from torch.distributed.distributed_c10d import PrefixStore, Store
+from torch.distributed.elastic.multiprocessing.api import SignalException
+from torch.distributed.elastic.multiprocessing.errors import ChildFailedError
+from torch.distributed.elastic.rendezvous import RendezvousHandler, RendezvousInfo
+from torch.distributed.elastic.rendezvous.api import (
+    RendezvousParameters,
+    RendezvousStoreInfo,
+    rendezvous_handler_registry,
+)
+from torch.distributed.launcher.api import LaunchConfig, elastic_launch
 from torch.distributed.rendezvous import rendezvous
 
 from hab_ppo.normalizer import Moments
+from hab_tasks.errors import RunStoppedError
 
 PREEMPTION_SHARE = 0.6
 """Share of the ranks that have to be done before the others are stopped (S App. C.2)."""
@@ -186,3 +203,122 @@ def common_name(store: Store, rank: int, size: int) -> str:
                 store.set(f"answer/{store.get(f'asks/{other}').decode()}", own)
             time.sleep(POLL_S)
     return own
+
+
+MOST_RESTARTS = 3
+PREPARED = "HAB_PPO_PREPARED"
+"""Set for ranks whose output folder has been checked, and emptied, by their launcher."""
+
+
+def is_rank() -> bool:
+    """Whether this process is one of several ranks, started by torchrun."""
+    return "WORLD_SIZE" in os.environ
+
+
+def is_prepared() -> bool:
+    """Whether this rank may continue what is in the output folder: it is of this very run."""
+    return PREPARED in os.environ or os.environ.get("TORCHELASTIC_RESTART_COUNT", "0") != "0"
+
+
+def launch(ranks: int, arguments: Sequence[str]) -> None:
+    """Runs ``hab-ppo`` with these arguments in several ranks, restarted if one is killed.
+
+    Raises:
+        RunStoppedError: A rank failed.
+    """
+    os.environ[PREPARED] = "1"
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    config = LaunchConfig(
+        min_nodes=1,
+        max_nodes=1,
+        nproc_per_node=ranks,
+        run_id=uuid.uuid4().hex,
+        rdzv_backend=use_loopback(),
+        max_restarts=MOST_RESTARTS,
+        monitor_interval=0.5,
+    )
+    try:
+        elastic_launch(config, sys.executable)("-m", "hab_ppo", *arguments)
+    except SignalException as error:  # Ctrl-C and SIGTERM, which the agent catches
+        raise KeyboardInterrupt from error
+    except ChildFailedError as error:
+        rank, failure = error.get_first_failure()
+        raise RunStoppedError(
+            f"Rank {rank} ended with status {failure.exitcode}; its message is above. --resume "
+            "continues from the last update."
+        ) from error
+    finally:
+        del os.environ[PREPARED]
+
+
+BACKEND = "hab_loopback"
+LOOPBACK = "127.0.0.1"
+INTERFACE_VARIABLES = ("GLOO_SOCKET_IFNAME", "NCCL_SOCKET_IFNAME")
+"""Environment variables that name the interface of the ranks' connections."""
+
+
+class LoopbackRendezvous(RendezvousHandler):
+    """One node, whose store listens on the loopback interface; restarted ranks use it again."""
+
+    def __init__(self, run_id: str) -> None:
+        """Starts the store on a free port."""
+        self._run_id = run_id
+        listening = socket.create_server((LOOPBACK, 0))
+        self._port = listening.getsockname()[1]
+        self._store = TCPStore(
+            LOOPBACK,
+            self._port,
+            is_master=True,
+            wait_for_workers=False,
+            master_listen_fd=listening.detach(),
+        )
+
+    def get_backend(self) -> str:
+        """Returns the name of this rendezvous in torch's registry."""
+        return BACKEND
+
+    @property
+    def use_agent_store(self) -> bool:
+        """Returns True: ranks connect to the store of this process."""
+        return True
+
+    def next_rendezvous(self) -> RendezvousInfo:
+        """Returns the store, at once: this node is the only one."""
+        store = PrefixStore(self._run_id, self._store)
+        return RendezvousInfo(store, 0, 1, RendezvousStoreInfo(LOOPBACK, self._port))
+
+    def is_closed(self) -> bool:
+        """Returns False: ranks may be restarted at any time."""
+        return False
+
+    def set_closed(self) -> None:
+        """Does nothing."""
+
+    def num_nodes_waiting(self) -> int:
+        """Returns 0: no other node joins."""
+        return 0
+
+    def get_run_id(self) -> str:
+        """Returns the run's id."""
+        return self._run_id
+
+    def shutdown(self) -> bool:
+        """Returns True; the store ends with this process."""
+        return True
+
+
+def _handler(parameters: RendezvousParameters) -> LoopbackRendezvous:
+    return LoopbackRendezvous(parameters.run_id)
+
+
+def use_loopback() -> str:
+    """Keeps the connections of ranks on this machine; returns the rendezvous backend to use.
+
+    Interfaces that the environment names already stay as they are.
+    """
+    names = [name for _, name in socket.if_nameindex()]
+    interface = "lo" if "lo" in names else "lo0"
+    for variable in INTERFACE_VARIABLES:
+        os.environ.setdefault(variable, interface)
+    rendezvous_handler_registry.register(BACKEND, _handler)
+    return BACKEND

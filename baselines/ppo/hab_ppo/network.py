@@ -15,9 +15,8 @@ import torch
 from gymnasium import spaces
 from torch import Tensor, nn
 
-from hab_ppo.actions import action_head
+from hab_ppo.actions import Noise, action_head
 from hab_ppo.layers import RowEncoder, RowLinear, run_lstm
-from hab_ppo.noise import Noise
 from hab_ppo.normalizer import RunningNormalizer
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.recipe import NetworkConfig

@@ -7,8 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hab_ppo.errors import RecipeError
-from hab_ppo.recipe import Recipe
+from hab_ppo.recipe import Recipe, RecipeError
 from hab_tasks.typed_values import to_json
 
 RECIPE = "recipe.json"

@@ -9,14 +9,13 @@ import torch
 from hab_eval.records.stats import wilson_interval
 
 from hab_ppo import checkpoint
+from hab_ppo.actions import ActionNoise
 from hab_ppo.agent import recipe_of, weights_file
 from hab_ppo.commands import EvalCommand
-from hab_ppo.evaluation import evaluate
 from hab_ppo.network import new_policy
-from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS, Recipe
-from hab_ppo.rows import binary_entries, policy_rows
+from hab_ppo.rows import binary_entries, evaluate, policy_rows
 from hab_tasks.engine.rollout import Outcome
 from hab_tasks.episodes import EpisodeRequest, load_episodes
 from hab_tasks.io.console import tell

@@ -2,21 +2,76 @@
 
 Sums over the steps of all ranks are divided by their number, so the gradients equal those of one
 process with the data of all ranks.
+
+Fine-tuning starts from a policy that can do something already. At first only the value head
+learns; a network with a trunk for both (an LSTM or an encoder) is frozen but for it. Afterwards
+the loss has a term that keeps the policy near the one from which it started. The normalisers stay
+as they were fitted, so that nothing shifts under the actor.
 """
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
 
+from hab_ppo.actions import ActionHead
 from hab_ppo.distributed import Ranks
-from hab_ppo.fine_tuning import Guide, Stage
 from hab_ppo.network import Judged, Policy
 from hab_ppo.normalizer import Moments, RunningNormalizer
-from hab_ppo.recipe import PPOConfig
+from hab_ppo.recipe import FineTuning, PPOConfig
 from hab_ppo.rollout import Rollout, discounted_returns, gae
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stage:
+    """How an update learns.
+
+    Attributes:
+        critic_only: Whether only the value head does.
+        kl_weight: Weight of KL(start || policy).
+    """
+
+    critic_only: bool = False
+    kl_weight: float = 0.0
+
+
+class Guide:
+    """The policy from which fine-tuning started.
+
+    Attributes:
+        head: Its distribution of actions.
+    """
+
+    def __init__(self, start: Policy, config: FineTuning) -> None:
+        """Copies the policy `start`."""
+        self._policy, self._config = copy.deepcopy(start).requires_grad_(False), config
+        self.head: ActionHead = self._policy.head
+        self._memory: Tensor | None = None
+
+    def stage(self, update: int, steps: int) -> Stage:
+        """Returns how to learn after so many updates and environment steps."""
+        config = self._config
+        if update < config.critic_updates:
+            return Stage(critic_only=True)
+        left = max(0.0, 1 - steps / max(1, config.kl_steps))
+        return Stage(kl_weight=config.kl_weight * left)
+
+    def forget(self) -> None:
+        """Starts with an empty memory, as all rows start new episodes."""
+        self._memory = None
+
+    @torch.no_grad()
+    def outputs(self, rollout: Rollout) -> Tensor:
+        """Returns the actor's outputs (T, N, O) in a rollout that follows the last one."""
+        rows = rollout.starts.shape[1]
+        memory = self._policy.no_memory(rows) if self._memory is None else self._memory
+        obs = rollout.observations()
+        features, self._memory = self._policy.features(obs, rollout.starts, memory)
+        return self._policy.outputs(features, obs).view(*rollout.starts.shape, -1)
+
 
 METRICS = ("policy_loss", "value_loss", "entropy", "clipped", "kl", "start_kl")
 """Means over the steps of an update, in the order of `minibatch_sums`."""
@@ -65,7 +120,9 @@ class PPO:
     ) -> None:
         self.policy, self.config, self.ranks, self.guide = policy, config, ranks, guide
         if config.final_log_std is not None:
+            # Set by the share of the run that is over (`Recipe.log_std`), and not learned.
             policy.head.fix_spread()
+        # PPO's usual epsilon; Adam's own is 1e-8.
         self.optimizer = torch.optim.Adam(
             policy.parameters(), lr=config.learning_rate, eps=1e-5, foreach=True
         )
@@ -136,6 +193,7 @@ class PPO:
         if config.scales_rewards:
             rollout.rewards = rollout.rewards * self._reward_scale(rollout)
         advantages = gae(rollout, config.discount, config.gae)
+        # Before they are normalised: values are in the unit of the rewards.
         returns = advantages + rollout.values
         moments = self.ranks.merged(Moments.of(advantages[rollout.valid][:, None]))
         # Over the whole rollout and not by minibatch, so that a minibatch of poor steps stays one.
@@ -178,9 +236,11 @@ class PPO:
         judged = self.policy.judge(
             rollout.observations(), rollout.actions, rollout.starts, rollout.memory
         )
+        # Masked before exp, as steps that reset a row have actions of no consequence.
         log_ratio = (judged.log_probs - rollout.log_probs) * valid
         ratio = log_ratio.exp()
         clipped = ratio.clamp(1 - config.clip, 1 + config.clip)
+        # arXiv 1707.06347, equation 7.
         gains = torch.minimum(ratio * batch.advantages, clipped * batch.advantages)
         policy_loss = -(gains * valid).sum()
         value_loss = 0.5 * ((judged.values - batch.returns).square() * valid).sum()

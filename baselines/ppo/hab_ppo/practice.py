@@ -14,16 +14,15 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_ppo.actions import ActionNoise, Noise
 from hab_ppo.distillation import Recorder, Visits
-from hab_ppo.evaluation import Student
 from hab_ppo.examples import Examples
 from hab_ppo.network import Policy
-from hab_ppo.noise import ActionNoise, Noise
 from hab_ppo.replay import SETTLING_STEPS
 from hab_ppo.retiming import Follower, Stretch
-from hab_tasks.engine.rollout import Job, flag, play
+from hab_ppo.rows import Student
+from hab_tasks.engine.rollout import Job, VectorRows, flag, play
 from hab_tasks.episodes import Episode
-from hab_tasks.vector.episode_rows import VectorRows
 
 
 class Lesson(NamedTuple):

@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
-from hab_ppo.errors import RecipeError
+from hab_tasks.errors import HabError
 
 T = TypeVar("T")
 
@@ -18,6 +18,10 @@ MOST_ROWS = 4096
 MOST_EPISODES = 1_000_000
 MOST_STEPS = 10**12
 """Largest values of the commands' options."""
+
+
+class RecipeError(HabError):
+    """A recipe that cannot be trained as asked."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,8 +12,8 @@ from typing import Any
 
 from hab_ppo import checkpoint
 from hab_ppo.agent import WEIGHTS, weights_file
+from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.commands import ShipCommand
-from hab_ppo.errors import PolicyFileError
 from hab_ppo.extensions import extensions
 from hab_ppo.plan import CLONED
 from hab_ppo.progress import read_progress

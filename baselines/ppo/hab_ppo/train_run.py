@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from hab_ppo.checkpoint import load
-from hab_ppo.distributed import Ranks
+from hab_ppo.distributed import Ranks, is_prepared, is_rank, launch
 from hab_ppo.episodes import check_episodes
-from hab_ppo.launch import is_prepared, is_rank, launch
 from hab_ppo.plan import EXACT, LAST, TrainPlan, check_same
 from hab_ppo.recipe import Recipe
 from hab_ppo.train_command import TrainCommand

@@ -18,20 +18,17 @@ import torch
 from hab_eval.records.provenance import device, git_commit
 
 from hab_ppo import checkpoint
+from hab_ppo.actions import ActionNoise
 from hab_ppo.checkpoint import Position
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
 from hab_ppo.episodes import EpisodeSupply
-from hab_ppo.evaluation import evaluate
-from hab_ppo.fine_tuning import Stage
 from hab_ppo.network import new_policy
-from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import ObservationLayout
 from hab_ppo.plan import BEST, EXACT, LAST, RECIPE, TrainPlan, check_same
-from hab_ppo.ppo import PPO
+from hab_ppo.ppo import PPO, Stage
 from hab_ppo.progress import PARTS, Progress, Recent, WriteLine
-from hab_ppo.rows import binary_entries
-from hab_ppo.stages import stage_names
+from hab_ppo.rows import binary_entries, evaluate, stage_names
 from hab_ppo.warm_start import make_rows, start_policy
 from hab_tasks.io.files import written_aside
 from hab_tasks.io.threads import use_one_thread

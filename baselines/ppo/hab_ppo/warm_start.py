@@ -16,31 +16,28 @@ import numpy as np
 from hab_ppo import checkpoint
 from hab_ppo.cloning import Fit, clone
 from hab_ppo.commands import DemonstrateCommand
-from hab_ppo.demonstration_checks import check_sizes
-from hab_ppo.demonstration_file import DemonstrationFile, read_examples, write_examples
+from hab_ppo.demonstration_file import DemonstrationFile, check_sizes, read_examples, write_examples
 from hab_ppo.demonstrations import DemonstrationPlan, demonstrate
-from hab_ppo.distillation import distill
-from hab_ppo.distributed import Ranks
-from hab_ppo.episodes import EpisodeSupply, training_source
-from hab_ppo.errors import RecipeError
-from hab_ppo.examples import Examples
-from hab_ppo.fine_tuning import Guide
-from hab_ppo.network import Policy
-from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
-from hab_ppo.practice import Lesson, practise
-from hab_ppo.progress import WriteLine
-from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, Distillation, Recipe, changed
-from hab_ppo.recipes import find_recipe
-from hab_ppo.rows import policy_rows
-from hab_ppo.stages import info_keys
-from hab_ppo.teachers import (
+from hab_ppo.distillation import (
     Expert,
     PolicyTeacher,
     check_expert,
     classroom,
+    distill,
     known_weights,
     load_teacher,
 )
+from hab_ppo.distributed import Ranks
+from hab_ppo.episodes import EpisodeSupply, training_source
+from hab_ppo.examples import Examples
+from hab_ppo.network import Policy
+from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
+from hab_ppo.ppo import Guide
+from hab_ppo.practice import Lesson, practise
+from hab_ppo.progress import WriteLine
+from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, Distillation, Recipe, RecipeError, changed
+from hab_ppo.recipes import find_recipe
+from hab_ppo.rows import info_keys, policy_rows
 from hab_tasks.errors import OptionError
 from hab_tasks.io.console import tell
 from hab_tasks.io.files import check_file

@@ -1,35 +1,94 @@
-"""Factory of TP+SRL, for ``hab-eval run --agent hab_tp_srl:tp_srl`` (S 5, H.1, H.2)."""
+"""TP+SRL's agent and factory, for ``hab-eval run --agent hab_tp_srl:tp_srl`` (S 5, H.1, H.2).
+
+The agent executes a plan in each row, and evaluates policies for all rows together.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
 
-from hab_navigator.weights import is_navigator
+from hab_navigator.network import is_navigator
 from hab_plans.executor import Executor, ExecutorConfig
-from hab_plans.extension import PROVIDERS, load_factory
-from hab_plans.motion import Motion
+from hab_plans.motion import Command, Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
-from hab_plans.problem import task_of
+from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Team
+from hab_spa.agents.agent import SpaAgent
 from hab_spa.motion.robot import Robot
 from hab_spa.scenes.scene import Scene
 
-from hab_tasks.agent import Agent, AgentSetup, AgentSpec
+from hab_tasks.agent import Agent, AgentReport, AgentSetup, AgentSpec
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.agent import TpSrlAgent
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
 from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
-from hab_tp_srl.policies import AgentPolicy, SkillPolicy
+from hab_tp_srl.policies import AgentPolicy, Decider, SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
+from hab_tp_srl.skill import PolicyCommand
 from hab_tp_srl.view import TaskView
+
+
+class TpSrlAgent(SpaAgent):
+    """Runs the executor's motion in each row."""
+
+    def decide(self, commands: list[Command], obs: Mapping[str, Any]) -> list[Command]:
+        """Evaluates the policies of all running skills, each once."""
+        asking: dict[Decider, list[int]] = {}
+        for row, command in enumerate(commands):
+            if isinstance(command, PolicyCommand):
+                asking.setdefault(command.turn.policy, []).append(row)
+        for policy, rows in asking.items():
+            turns = [_asked(commands[row]).turn for row in rows]
+            policy.decide(rows, turns, obs)
+        return [c.result() if isinstance(c, PolicyCommand) else c for c in commands]
+
+    def report(self) -> list[AgentReport]:
+        """Returns each row's failed stage, planning times and stages so far."""
+        return [replace(report, failure=fault(report.trace)) for report in super().report()]
+
+
+def _asked(command: Command) -> PolicyCommand:
+    assert isinstance(command, PolicyCommand)
+    return command
+
+
+def fault(trace: Sequence[dict[str, Any]]) -> str | None:
+    """Returns the failure category of an episode: the first stage that was not achieved, and why.
+
+    Args:
+        trace: Trace of the robot; the last plan and each stage's last attempt count.
+
+    Returns:
+        E.g. ``pick timeout``, ``pick failed`` for a skill that ended without its effect, or
+        ``navigate timeout``; with ``, new start`` if the skill began in a state that its training
+        does not know. None if every stage was achieved.
+    """
+    tries = [entry for entry in trace if "stage" in entry]
+    last = [entry for entry in tries if entry["plan"] == tries[-1]["plan"]]
+    for place in sorted({entry["stage"] for entry in last}):
+        here = [entry for entry in last if entry["stage"] == place]
+        here = [entry for entry in here if entry["attempt"] == here[-1]["attempt"]]
+        if here[-1].get("achieved"):
+            continue
+        for entry in here:
+            outcome = entry.get("outcome", "timeout")
+            if outcome != "done":
+                return f"{entry['did']} {outcome}{_start_of(entry)}"
+        return f"{here[-1]['did']} failed{_start_of(here[-1])}"
+    return None
+
+
+def _start_of(entry: Mapping[str, Any]) -> str:
+    return ", new start" if entry.get("start") == "new" else ""
+
 
 NavigationPolicy = SkillPolicy | NavigatorPolicy
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from hab_navigator.belief import Reach
 from hab_navigator.navigator import REPEAT, Navigator
-from hab_navigator.weights import load
+from hab_navigator.network import load
 from hab_plans.motion import Motion
 from hab_plans.plan import Action
 from hab_plans.protocols import NavigationRequest

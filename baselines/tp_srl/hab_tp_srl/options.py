@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hab_navigator.weights import NAVIGATOR, shipped_navigator
-from hab_navigator.weights import WEIGHTS as NAVIGATOR_FILE
-from hab_plans.extension import PROVIDERS
+from hab_navigator.network import NAVIGATOR, shipped_navigator
+from hab_navigator.network import WEIGHTS as NAVIGATOR_FILE
+from hab_plans.problem import PROVIDERS
 from hab_ppo.agent import shipped_weights, weights_file
 from hab_ppo.recipes import recipe_names
 

@@ -11,11 +11,11 @@ from typing import Any, Protocol, cast
 import numpy as np
 import torch
 from gymnasium import spaces
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_navigator.belief import Reach
+from hab_ppo.actions import RowNoise
 from hab_ppo.agent import load_policy
-from hab_ppo.errors import PolicyFileError
-from hab_ppo.noise import RowNoise
+from hab_ppo.checkpoint import PolicyFileError
 from numpy.typing import NDArray
 
 from hab_tasks.agent import Agent, AgentSetup, of_rows
@@ -26,7 +26,7 @@ from hab_tasks.errors import OptionError
 from hab_tasks.registration import SKILLS, TASK_SKILLS, imported_id
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.skills.navigate import NAVIGATE_ID
-from hab_tp_srl.training_starts import start_ranges
+from hab_tp_srl.base_poses import start_ranges
 from hab_tp_srl.view import Entries
 
 STILL_STEPS, MOTION_RAD = 20, 0.004

@@ -18,12 +18,11 @@ from hab_spa.tasks.planned_skills import SKILLS as PLANNED_SKILLS
 from hab_spa.tasks.planned_skills import PlannedSkill
 
 from hab_tasks.tasks.base import Task
-from hab_tp_srl.base_poses import TURNING_M, start_pose
+from hab_tp_srl.base_poses import TURNING_M, features, start_pose
 from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.sight import Look
 from hab_tp_srl.skill import learned
-from hab_tp_srl.training_starts import features
 from hab_tp_srl.view import TaskView
 
 BETWEEN_LOOKS, MOST_WATCHED, SAME_M = 10, 60, 0.01

@@ -1,21 +1,33 @@
-"""The work of `hab-eval table`, `submit` and `site`."""
+"""The work of `hab-eval table`, `submit`, `site` and `failures`."""
 
 from __future__ import annotations
 
 import json
 import os
+import re
 import sys
 from pathlib import Path
 
-from hab_eval.commands.record_options import SiteCommand, SubmitCommand, TableCommand
+from hab_eval.bench.report import read_report, report_table
+from hab_eval.commands.record_options import (
+    FailuresCommand,
+    SiteCommand,
+    SubmitCommand,
+    TableCommand,
+)
+from hab_eval.errors import ResultError
+from hab_eval.records.failures import check_picture, draw_failures, failure_table
 from hab_eval.records.leaderboard import (
     AGAIN_FILE,
+    Submissions,
     default_submissions,
     find_submissions,
     leaderboard_texts,
     with_submission,
 )
+from hab_eval.records.plain_text import show
 from hab_eval.records.results import read_runs, write_record
+from hab_eval.records.status import TABLES
 from hab_eval.records.submissions import (
     check_name,
     check_submission,
@@ -23,7 +35,6 @@ from hab_eval.records.submissions import (
     submission_name,
 )
 from hab_eval.site.build import SiteOptions, build_site
-from hab_eval.site.result_tables import filled
 from hab_tasks.errors import OptionError
 from hab_tasks.io.files import check_file, written_aside
 
@@ -112,3 +123,47 @@ def build(options: SiteCommand) -> int:
     pages = build_site(site)
     print(f"wrote {pages} pages; open {options.out / 'index.html'}")
     return 0
+
+
+def show_failures(options: FailuresCommand) -> int:
+    """Prints and plots the failure categories."""
+    check_picture(options.out, force=options.force)
+    records = read_runs(options.runs)
+    draw_failures(records, options.out)
+    show(failure_table(records))
+    print(f"wrote {options.out}")
+    return 0
+
+
+BEGIN = re.compile(r"<!-- (?P<kind>status|bench): (?P<what>[^>]+?) -->\n")
+
+
+def filled(page: str, submissions: Submissions, benchmarks: Path, leaderboard: str) -> str:
+    """Regenerates the tables of a page.
+
+    Args:
+        page: Text of the page.
+        submissions: All submissions.
+        benchmarks: Folder of the benchmark reports.
+        leaderboard: Link from the page to LEADERBOARD.md.
+
+    Raises:
+        ResultError: A table has no end mark, its name is unknown, or its report cannot be read.
+    """
+    parts, at = [], 0
+    for begin in BEGIN.finditer(page):
+        kind, what = begin["kind"], begin["what"]
+        mark = f"<!-- end of {kind} -->"
+        end = page.find(mark, begin.end())
+        if end < 0:
+            raise ResultError(f"The {kind} table {what} has no end mark {mark!r}.")
+        if kind == "bench":
+            name, _, unit = what.partition(" ")
+            text = report_table(read_report(benchmarks / f"{name}.json"), unit)
+        elif what in TABLES:
+            text = TABLES[what](submissions, leaderboard)
+        else:
+            raise ResultError(f"No status table {what!r}; tables: {', '.join(sorted(TABLES))}.")
+        parts += [page[at : begin.end()], text]
+        at = end
+    return "".join([*parts, page[at:]])

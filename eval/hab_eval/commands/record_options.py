@@ -91,7 +91,7 @@ class FailuresCommand(Command):
     """Options of `hab-eval failures`."""
 
     help: ClassVar[str] = FAILURES_HELP
-    work: ClassVar[str] = "hab_eval.commands.failures:show_failures"
+    work: ClassVar[str] = "hab_eval.commands.pages:show_failures"
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")]
     """Runs to compare: run folders (their --out) or run.json files."""

@@ -9,9 +9,8 @@ from pathlib import Path
 from hab_eval.commands.record_options import FilmCommand, ReplayCommand, VerifyCommand
 from hab_eval.records.config import parse_options
 from hab_eval.records.plain_text import show
-from hab_eval.records.results import EpisodeResult, RunRecord, read_record
+from hab_eval.records.results import EpisodeResult, RunRecord, highlights, read_record, video_name
 from hab_eval.records.submissions import find_submission
-from hab_eval.records.video_names import highlights, video_name
 from hab_eval.run.evaluate import MOST_WORKERS
 from hab_eval.run.progress import make_reporter
 from hab_eval.run.replay import (

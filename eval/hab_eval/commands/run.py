@@ -1,21 +1,29 @@
-"""The work of `hab-eval run`."""
+"""The work of `hab-eval run` and `bench`."""
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterable
 
-from hab_eval.commands.options import RunCommand
+from rich.table import Table
+
+from hab_eval.bench.report import make_report, row_table, write_report
+from hab_eval.bench.suite import BenchOptions, find_suite, run_suite
+from hab_eval.commands.options import BenchCommand, RunCommand
 from hab_eval.records.leaderboard import (
+    Group,
     build_groups,
     default_submissions,
     find_submissions,
     group_title,
 )
-from hab_eval.records.plain_text import show
-from hab_eval.records.report import leaderboard_tables, result_table
+from hab_eval.records.plain_text import add_row, plain, show
+from hab_eval.records.results import RunRecord
+from hab_eval.records.stats import Estimate
 from hab_eval.run.evaluate import RunOptions, evaluate
 from hab_eval.run.progress import make_reporter
 from hab_tasks.io.executors import ExecutorChoice
+from hab_tasks.io.files import check_file
 
 
 def run(options: RunCommand) -> int:
@@ -44,3 +52,66 @@ def run(options: RunCommand) -> int:
     for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
         show(table)
     return 0
+
+
+def run_bench(options: BenchCommand) -> int:
+    """Runs the suite, then prints and writes the results."""
+    bench = BenchOptions(
+        suite=find_suite(options.suite),
+        scene_dataset=options.scene_dataset,
+        objects=options.objects,
+        scenes=options.scene,
+        envs=options.env,
+        repeats=options.repeats,
+        steps=options.steps,
+    )
+    check_file(options.json, force=options.force)  # before minutes are spent
+    rows = run_suite(bench, lambda line: print(line, flush=True))
+    write_report(options.json, make_report(options.suite, rows), force=options.force)
+    show(row_table(rows))
+    print(f"wrote {options.json}")
+    return 0
+
+
+def result_table(record: RunRecord) -> Table:
+    """Returns the summary of one run."""
+    summary = record.summary
+    table = Table(title=plain(f"{record.agent_name} on {record.env}, {record.scene_dataset}"))
+    table.add_column("measure")
+    table.add_column("value")
+    for name, value in record.options.items():
+        add_row(table, f"option {name}", value)
+    add_row(table, "success", _percent(summary.success))
+    for name, stage in summary.stages.items():
+        add_row(table, f"stage {name}", _percent(stage))
+    for name, score in summary.scores.items():
+        add_row(table, name.upper(), _percent(score))
+    for name, count in summary.failures.items():
+        add_row(table, f"failure: {name}", f"{count} of {summary.success.n}")
+    mean_return = summary.mean_return
+    low, high = mean_return.ci95
+    add_row(table, "return", f"{mean_return.mean:.3f} [{low:.3f}, {high:.3f}]")
+    add_row(table, "steps", f"{summary.mean_steps:.1f}")
+    for name, duration in summary.timings_s.items():
+        add_row(table, f"time: {name}", f"{duration.mean:.3f} s mean, {duration.max:.3f} s max")
+    add_row(table, "seconds per step", f"{summary.seconds_per_step:.4f}")
+    return table
+
+
+def leaderboard_tables(groups: Iterable[Group]) -> list[Table]:
+    """Returns one table per group of the leaderboard."""
+    return [_group_table(group) for group in groups]
+
+
+def _group_table(group: Group) -> Table:
+    table = Table(title=plain(group.title), caption=plain(group.note) or None)
+    for column in group.columns:
+        table.add_column(column, overflow="fold")
+    for row in group.rows:
+        add_row(table, *row)
+    return table
+
+
+def _percent(estimate: Estimate) -> str:
+    low, high = (100.0 * bound for bound in estimate.ci95)
+    return f"{100.0 * estimate.mean:.1f} % [{low:.1f}, {high:.1f}] of {estimate.n}"

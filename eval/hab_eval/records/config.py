@@ -9,8 +9,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
 from hab_eval.errors import ResultError
-from hab_eval.records.agent_files import AgentFiles
-from hab_eval.records.provenance import join_commits
+from hab_eval.records.provenance import AgentFiles, join_commits
 from hab_eval.records.schema import parse_json, read_dataclass
 from hab_tasks.errors import OptionError, shown
 from hab_tasks.io.files import written_aside

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hab_eval.errors import ResultError
-from hab_eval.records.agent_files import no_longer_shipped
 from hab_eval.records.config import EMBEDDED_DATASET, short_name
 from hab_eval.records.plain_text import markdown, markup, plain
-from hab_eval.records.provenance import COMMIT_SEPARATOR
+from hab_eval.records.provenance import COMMIT_SEPARATOR, no_longer_shipped
 from hab_eval.records.results import RunRecord, read_record
 
 PRIVILEGED_MARK = "†"

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from hab_eval.errors import ResultError
-from hab_eval.records.agent_files import AgentFiles
 from hab_eval.records.config import MOST_EPISODES
+from hab_eval.records.provenance import AgentFiles
 from hab_eval.records.schema import parse_json, read_dataclass
 from hab_eval.records.stats import Estimate, bootstrap_mean, mean, rate
 from hab_tasks.errors import OptionError, shown
@@ -39,6 +39,9 @@ SHORTEST_EPISODE_BYTES = 90
 
 EPISODE = re.compile(rb'"failure"\s*:\s*[n"]')
 """What each episode of a file has once: null or a name; timings and scores are numbers."""
+
+UNSAFE = re.compile(r"[^A-Za-z0-9._-]+")
+"""Replaced in the file names of videos."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -341,3 +344,16 @@ def _count(path: Path) -> int:
     """Returns the number of episodes; the system reads the file in pages."""
     with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as text:
         return sum(1 for _ in EPISODE.finditer(text))
+
+
+def video_name(index: int, episode_id: str) -> str:
+    """Returns the file name of an episode's video, without suffix."""
+    return f"video_{index:03d}_{UNSAFE.sub('-', episode_id)}"
+
+
+def highlights(record: RunRecord) -> tuple[int, ...]:
+    """Returns the indices of the first success and of the first failure of each category."""
+    first: dict[str | None, int] = {}
+    for index, episode in enumerate(record.episodes):
+        first.setdefault(episode.failure, index)  # None for a success
+    return tuple(sorted(first.values()))

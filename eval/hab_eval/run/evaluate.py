@@ -18,8 +18,8 @@ import torch
 
 from hab_eval.errors import RunFolderError
 from hab_eval.records import provenance
-from hab_eval.records.agent_files import agent_files
 from hab_eval.records.config import MOST_EPISODES, EvalConfig, SavedConfig, short_name
+from hab_eval.records.provenance import agent_files
 from hab_eval.records.results import (
     SCHEMA_VERSION,
     FinishedEpisode,
@@ -28,9 +28,9 @@ from hab_eval.records.results import (
     write_record,
 )
 from hab_eval.run import environments
+from hab_eval.run.agents import load_agent
 from hab_eval.run.environments import setup_of
 from hab_eval.run.isolation import opened_agent
-from hab_eval.run.load_agent import load_agent
 from hab_eval.run.rows import RolloutPlan, job_of, make_rows
 from hab_eval.run.run_folder import RunFolder, check_free, locked, open_folder
 from hab_eval.run.runner import play

@@ -11,7 +11,7 @@ import imageio.v2 as imageio
 import numpy as np
 from PIL import Image
 
-from hab_eval.records.video_names import video_name
+from hab_eval.records.results import video_name
 from hab_tasks.captions import Frame, with_words
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.engine.rollout import Job, Outcome, StepInfo

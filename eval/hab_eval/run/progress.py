@@ -9,7 +9,7 @@ from tqdm import tqdm
 from hab_eval.records.plain_text import plain
 from hab_eval.records.results import EpisodeResult, FinishedEpisode
 from hab_eval.run.evaluate import Reporter
-from hab_tasks.generation_lines import GenerationLines
+from hab_tasks.io.console import GenerationLines
 
 WriteLine = Callable[[str], None]
 

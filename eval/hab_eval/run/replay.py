@@ -15,9 +15,9 @@ from rich.table import Table
 
 from hab_eval.errors import ResultError
 from hab_eval.records import provenance
-from hab_eval.records.agent_files import AgentFiles, agent_files
 from hab_eval.records.config import EMBEDDED_DATASET, MOST_EPISODES, EvalConfig
 from hab_eval.records.plain_text import add_row, plain
+from hab_eval.records.provenance import AgentFiles, agent_files
 from hab_eval.records.results import EpisodeResult, RunRecord
 from hab_eval.run import environments
 from hab_eval.run.evaluate import Reporter, check_device

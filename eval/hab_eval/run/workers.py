@@ -18,11 +18,17 @@ from typing import Any
 from torch import Tensor
 
 from hab_eval.records.results import FinishedEpisode
+from hab_eval.run.agents import load_agent
 from hab_eval.run.environments import setup_of, worker_imports
-from hab_eval.run.isolation import IsolatedAgent, start_agent
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.isolation import (
+    IsolatedAgent,
+    ObsPacker,
+    ObsUnpacker,
+    packed,
+    start_agent,
+    unpacked,
+)
 from hab_eval.run.observations import batched
-from hab_eval.run.packing import ObsPacker, ObsUnpacker, packed, unpacked
 from hab_eval.run.rows import RolloutPlan, make_rows
 from hab_eval.run.runner import play
 from hab_eval.run.time_limit import (

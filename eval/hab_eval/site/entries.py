@@ -18,9 +18,8 @@ from hab_eval.records.leaderboard import (
     vary_command,
 )
 from hab_eval.records.provenance import COMMIT_SEPARATOR
-from hab_eval.records.results import EpisodeResult, RunRecord
+from hab_eval.records.results import UNSAFE, EpisodeResult, RunRecord
 from hab_eval.records.stats import mean
-from hab_eval.records.video_names import UNSAFE
 from hab_tasks.registration import ENTRY_POINTS
 
 LONGEST_SLUG = 120

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from PIL import Image
 
 from hab_eval.errors import ResultError
-from hab_eval.records.video_names import video_name
+from hab_eval.records.results import video_name
 from hab_eval.site.entries import Entry
 from hab_tasks.errors import OptionError
 

@@ -10,8 +10,8 @@ from typing import Any
 
 from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
+from hab_eval.records.results import highlights
 from hab_eval.records.status import AGAIN_COLUMNS
-from hab_eval.records.video_names import highlights
 from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet

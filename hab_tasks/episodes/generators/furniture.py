@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from hab_tasks.articulations import HANDLE_MARKERS, HandleMarker
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import HandleRef, rounded, template_of
 from hab_tasks.errors import RejectedSampleError
 from hab_tasks.geometry import Array, Pose7, from_matrix, to_matrix
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS, HandleMarker
 
 HEADROOM_M = 0.002
 """Clearance above the content of a drawer, which tilts slightly when pushed."""

@@ -1,8 +1,7 @@
 """Navigation: maps of the free floor, geodesic distances, paths, base poses for reaching."""
 
 from hab_tasks.world.navigation.follower import ShortestPathFollower
-from hab_tasks.world.navigation.layout_maps import GeodesicDistances, LayoutMaps
-from hab_tasks.world.navigation.navigation_map import NavigationMap
+from hab_tasks.world.navigation.navigation_map import GeodesicDistances, LayoutMaps, NavigationMap
 from hab_tasks.world.navigation.paths import path_between, poses_reaching
 
 __all__ = [

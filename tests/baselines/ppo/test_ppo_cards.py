@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from hab_navigator import weights as navigator_weights
+from hab_navigator import network as navigator
 from hab_ppo import agent, cards, checkpoint, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
@@ -27,7 +27,7 @@ def weights(monkeypatch, tmp_path):
     folder = tmp_path / "weights"
     for module in (agent, cards, shipping):
         monkeypatch.setattr(module, "WEIGHTS", folder)
-    monkeypatch.setattr(navigator_weights, "SHIPPED", tmp_path / "navigator")
+    monkeypatch.setattr(navigator, "SHIPPED", tmp_path / "navigator")
     return folder
 
 
@@ -73,7 +73,7 @@ def test_a_card_states_what_the_files_say(weights, run, tmp_path, capsys):
 
 
 def test_what_ships_is_small_and_has_its_card():
-    files = [*agent.WEIGHTS.glob("*.safetensors"), navigator_weights.shipped_navigator()]
+    files = [*agent.WEIGHTS.glob("*.safetensors"), navigator.shipped_navigator()]
     assert sum(path.stat().st_size for path in files) <= 40e6
     assert main(["cards", "--check"]) == 0
     for name in shipped_names():

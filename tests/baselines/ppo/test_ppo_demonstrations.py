@@ -8,8 +8,8 @@ import pytest
 import torch
 from gymnasium import spaces
 from hab_ppo import checkpoint
+from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.demonstration_file import Followed, read_examples, write_examples
-from hab_ppo.errors import PolicyFileError
 from hab_ppo.examples import Examples
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout

@@ -11,7 +11,7 @@ import pytest
 import torch
 from hab_eval.cli import main as hab_eval
 from hab_eval.records.results import read_record
-from hab_navigator.weights import load
+from hab_navigator.network import load
 from hab_ppo import checkpoint
 from hab_ppo.agent import spec_of
 from hab_ppo.cli import main

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 import torch
-from hab_ppo import checkpoint, distillation, teachers, warm_start
+from hab_ppo import checkpoint, distillation, warm_start
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cli import main
 from hab_ppo.demonstration_file import write_examples
@@ -149,7 +149,7 @@ def test_an_interrupted_distillation_continues_after_its_last_round(toy, tmp_pat
 
 
 def test_bad_input_is_reported_in_one_line(tmp_path, monkeypatch):
-    monkeypatch.setattr(teachers, "WEIGHTS", tmp_path / "nothing_ships")
+    monkeypatch.setattr(distillation, "WEIGHTS", tmp_path / "nothing_ships")
     names = {name: tmp_path / name.lower() for name in ("DIR", "FULL", "DEMO", "OLD", "SMALL")}
     names["FULL"].mkdir()
     (names["FULL"] / "thesis.txt").write_text("mine")

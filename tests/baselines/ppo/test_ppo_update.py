@@ -8,12 +8,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from hab_ppo.actions import action_head
+from hab_ppo.actions import ActionNoise, action_head
 from hab_ppo.collect import Collector
 from hab_ppo.distributed import Ranks
-from hab_ppo.evaluation import evaluate
 from hab_ppo.network import HOLDING, Judged, new_policy
-from hab_ppo.noise import ActionNoise
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.ppo import METRICS, PPO, Batch
 from hab_ppo.recipe import (
@@ -27,6 +25,7 @@ from hab_ppo.recipe import (
     WarmStart,
 )
 from hab_ppo.rollout import Rollout
+from hab_ppo.rows import evaluate
 from toy_vector import ToyVector, goals
 
 TOY = ToyVector(1)

@@ -10,16 +10,21 @@ from hab_ppo.actions import action_head
 from hab_ppo.agent import LoadedPolicy
 from hab_ppo.cloning import clone, misfits
 from hab_ppo.collect import Collector
-from hab_ppo.distillation import distill, visit
+from hab_ppo.distillation import PolicyTeacher, classroom, distill, visit
 from hab_ppo.distributed import Ranks
-from hab_ppo.errors import RecipeError
-from hab_ppo.evaluation import evaluate
-from hab_ppo.fine_tuning import Guide, Stage
 from hab_ppo.network import Chosen, new_policy
 from hab_ppo.observation import ObservationLayout
-from hab_ppo.ppo import PPO
-from hab_ppo.recipe import FAST, Cloning, Distillation, EnvConfig, FineTuning, NetworkConfig
-from hab_ppo.teachers import PolicyTeacher, classroom
+from hab_ppo.ppo import PPO, Guide, Stage
+from hab_ppo.recipe import (
+    FAST,
+    Cloning,
+    Distillation,
+    EnvConfig,
+    FineTuning,
+    NetworkConfig,
+    RecipeError,
+)
+from hab_ppo.rows import evaluate
 from toy_examples import TOY, linear, random_examples
 from toy_vector import ToyVector, goals
 

@@ -11,9 +11,8 @@ from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
 from hab_ppo.recipes import find_recipe
-from hab_tp_srl.agent import fault
 from hab_tp_srl.ending import Ending
-from hab_tp_srl.factories import skills_of
+from hab_tp_srl.factories import fault, skills_of
 from hab_tp_srl.options import SKILLS
 from hab_tp_srl.policies import Stillness
 from hab_tp_srl.view import TaskView

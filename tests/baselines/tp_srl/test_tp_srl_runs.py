@@ -8,9 +8,8 @@ import hab_tp_srl
 import numpy as np
 import pytest
 import torch
-from hab_navigator.network import GoalNetwork
+from hab_navigator.network import GoalNetwork, save
 from hab_navigator.robot_map import RobotMap
-from hab_navigator.weights import save
 from hab_plans.plan import plan_of
 from hab_plans.stage import stage_of
 from hab_spa.motion.robot import Robot, SpaConfig

@@ -11,7 +11,7 @@ from hab_authoring.habitat.convert import OWN_KEY, draw_starts, is_habitat, read
 from hab_authoring.habitat.entry import START
 from hab_tasks.commands.episodes import check_ending
 from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
-from hab_tasks.generation_lines import progress_bar
+from hab_tasks.io.console import progress_bar
 from hab_tasks.io.files import check_file
 from hab_tasks.registration import imported_id
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset

@@ -93,7 +93,7 @@ The printed sizes are computed from the dataset's GLB visuals, each file once, w
 
 Example:
   hab-tasks assets ~/data/replica_cad --objects ~/data/ycb --collision coacd --out ~/data/light"""
-    work: ClassVar[str] = "hab_authoring.commands.assets:run"
+    work: ClassVar[str] = "hab_authoring.commands.datasets:run_assets"
 
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment` or the path of a ReplicaCAD folder; left unchanged."""
@@ -127,7 +127,7 @@ class Figures(Command):
 
 Example:
   hab-tasks figures apartment --out docs/figures --episodes tidy.json.gz table.json.gz"""
-    work: ClassVar[str] = "hab_authoring.commands.figures:run"
+    work: ClassVar[str] = "hab_authoring.commands.datasets:run_figures"
 
     dataset: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="DATASET")]
     """`apartment`, `replica_cad` as ManiSkill downloads it, or the path of a ReplicaCAD folder."""

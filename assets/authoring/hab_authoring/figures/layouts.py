@@ -21,13 +21,13 @@ from transforms3d.quaternions import qconjugate, qmult
 from hab_authoring.inventory import macro_layouts, macro_of, micro_variations
 from hab_authoring.layouts.furnishing import COUNTER, CUPBOARD
 from hab_authoring.showroom import Showroom
+from hab_tasks.articulations import FRIDGES
 from hab_tasks.figure_style import EDGE, ORANGE, new_figure, save
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.world.scenes.floor import footprints
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
-from hab_tasks.world.scenes.markers import FRIDGES
 from hab_tasks.world.scenes.spec import SceneSpec
 
 PIXELS_PER_M = 60.0

@@ -19,10 +19,10 @@ from xml.etree import ElementTree
 import numpy as np
 from transforms3d import euler
 
+from hab_tasks.articulations import HANDLE_MARKERS
 from hab_tasks.episodes.schema import ReceptacleRef
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import Array, to_matrix
-from hab_tasks.world.scenes.markers import HANDLE_MARKERS
 from hab_tasks.world.scenes.spec import Receptacle, SceneSpec
 from hab_tasks.world.scenes.urdf import check_urdf, read_urdf
 

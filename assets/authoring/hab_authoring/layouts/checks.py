@@ -24,12 +24,12 @@ from hab_authoring.layouts.overlaps import (
     swept_boxes_m,
 )
 from hab_authoring.layouts.standing import FloorPlan, HandleRoom, handle_room, reachable
+from hab_tasks.articulations import FRIDGES
 from hab_tasks.privileged import Array
 from hab_tasks.world.scenes.floor import CELL_M, FreeFloor
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.layout_geometry import STAGE, Joint, Layout, PosedBody
-from hab_tasks.world.scenes.markers import FRIDGES
 
 MAX_DEPTH_M = 0.0101
 """Maximum overlap of bodies: 1 cm, plus 0.1 mm for rounding."""

@@ -14,11 +14,11 @@ import numpy as np
 
 from hab_authoring.layouts.overlaps import depth_m, extent, pieces_of, solids
 from hab_authoring.layouts.standing import ROOM_DOORS
+from hab_tasks.articulations import FRIDGES
 from hab_tasks.geometry import to_matrix
 from hab_tasks.privileged import Array
 from hab_tasks.world.scenes.build import FLAT_HEIGHT_M
 from hab_tasks.world.scenes.layout_geometry import STAGE, Layout, PosedBody
-from hab_tasks.world.scenes.markers import FRIDGES
 
 COUNTER, CUPBOARD = "kitchen_counter", "kitchenCupboard_01"
 FIXED_TEMPLATES = (*FRIDGES, COUNTER, CUPBOARD, *ROOM_DOORS)

@@ -26,13 +26,13 @@ from hab_authoring.layouts.overlaps import Bodies, bodies_of, pieces_of, planar,
 from hab_authoring.layouts.standing import ROOM_DOORS, FloorPlan, narrowest_aisle_m
 from hab_authoring.layouts.wild_poses import PiecePose, PoseSampler, crowding
 from hab_authoring.layouts.write import moved_scene
+from hab_tasks.articulations import FRIDGES
 from hab_tasks.errors import GenerationError
 from hab_tasks.privileged import Array
 from hab_tasks.world.scenes.fields import read_json
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import read_scene
 from hab_tasks.world.scenes.layout_geometry import Joint, Layout
-from hab_tasks.world.scenes.markers import FRIDGES
 from hab_tasks.world.scenes.walls import inner_walls, walls_without
 
 MIRRORED = "fridge_mirrored"

@@ -6,15 +6,14 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from hab_plans.executor import Executor, ExecutorConfig
-from hab_plans.extension import PROVIDERS, load_factory
 from hab_plans.motion import Motion
 from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
-from hab_plans.problem import task_of
+from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned
-from hab_spa.agents.seen_agents import pick_seen, place_seen, spa_config
+from hab_spa.agents.skill_agents import pick_seen, place_seen, spa_config
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.scenes.seen_scene import SeenScene

@@ -136,6 +136,7 @@ def drive_to(robot: Robot, map_: NavigationMap, goal: Array, config: DriveConfig
         arrived = arrived and (yield from _along(wheels, goal[None, :2]))
         arrived = arrived and (yield from _turn(wheels, goal[2]))
         if arrived and _at(robot, goal, config):
+            # Standing still is Navigate's stop action, and the base may have stood there before.
             yield robot.command()
             return None
         yield from _back_off(wheels)
@@ -154,6 +155,7 @@ def _along(wheels: Wheels[DriveConfig], points_m: Array) -> Generator[Command, N
     """Drives through waypoints (P, 2) and stops at the last; returns whether it was reached."""
     robot, config = wheels.robot, wheels.config
     step_m = robot.spec.base_step_m
+    # To have stood since the last stretch is not to be stuck.
     wheels.free()
     for number, point in enumerate(points_m):
         last = number == len(points_m) - 1

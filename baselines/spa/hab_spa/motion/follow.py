@@ -65,6 +65,7 @@ def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
     speeds = _speeds(grid, knots, _corner_speeds(path, lengths, config), config)
     steps = np.diff(grid) / (0.5 * (speeds[1:] + speeds[:-1]))
     times = np.concatenate(([0.0], np.cumsum(steps)))
+    # Rounded up to whole steps, which keeps the speeds below their limits.
     count = max(1, int(np.ceil(times[-1])))
     along = np.interp(np.linspace(0.0, times[-1], count + 1)[1:], times, grid)
     return np.stack([np.interp(along, knots, path[:, i]) for i in range(path.shape[1])], axis=1)
@@ -74,6 +75,7 @@ def _corner_speeds(path: Array, lengths: Array, config: TimingConfig) -> Array:
     """Returns the maximum speed (K,) [rad/step] at each vertex; the motion starts and ends slow."""
     directions = np.diff(path, axis=0) / lengths[:, None]
     jumps = np.abs(np.diff(directions, axis=0)).max(axis=1)
+    # A joint's speed jumps by that of the path times the change of direction.
     inner = config.corner_rad / np.maximum(jumps, 1e-6)
     return np.minimum(np.concatenate(([config.corner_rad], inner, [config.corner_rad])),
                       config.step_rad)  # fmt: skip
@@ -84,6 +86,7 @@ def _speeds(grid: Array, knots: Array, corner_speeds: Array, config: TimingConfi
     speeds = np.full(len(grid), config.step_rad)
     nearest = np.abs(grid[:, None] - knots[None, :]).argmin(axis=0)
     np.minimum.at(speeds, nearest, corner_speeds)
+    # v^2 grows by 2 a s over a cell of the grid.
     gain = 2.0 * config.acceleration_rad * (grid[1] - grid[0])
     # Forwards the acceleration limits the speeds, backwards the braking.
     for order in (range(1, len(grid)), range(len(grid) - 2, -1, -1)):

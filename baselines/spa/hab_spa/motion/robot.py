@@ -147,6 +147,7 @@ class Robot:
 
     def next_seed(self) -> int:
         """Returns the seed of the next search."""
+        # Another one for each search: a retry with the same numbers would fail as before.
         return int(self._seeds.integers(2**31 - 1))
 
     def plan(

@@ -206,6 +206,7 @@ def groups_of(bodies: Sequence[str], joint: NDArray[np.int64], local_m: Array, p
     corners = corners_m(local_m, place)
     starts = [i for i in range(len(bodies)) if i == 0 or bodies[i] != bodies[i - 1]]
     spheres, members = [], []
+    # Shapes of a body move together, so that one sphere sorts out all of them.
     for first, last in zip(starts, [*starts[1:], len(bodies)], strict=True):
         points = corners[first:last].reshape(-1, 3)
         centre = (points.min(axis=0) + points.max(axis=0)) / 2
@@ -249,6 +250,7 @@ def blocks_of(
 def chain_of(model: pin.Model) -> Array:
     """Returns the joints (7, 13) of the arm: placements and axes."""
     rows = []
+    # Pinocchio's first joint is the world.
     for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
         axis = "XYZ".index(joint.shortname()[-1])
         rows.append((*placement.rotation.ravel(), *placement.translation, axis))

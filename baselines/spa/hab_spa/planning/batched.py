@@ -71,6 +71,7 @@ def shorten(
     collision: ArmCollision, path: Array, seed: int, deadline_s: float, config: RrtConfig
 ) -> Array:
     """As `rrt.shorten`; it takes milliseconds, so that the deadline does not matter."""
+    # A cut may add vertices before it removes others.
     if len(path) > MOST_VERTICES // 2:
         return rrt.shorten(collision, path, seed, deadline_s, config)
     room, checks = np.empty((MOST_VERTICES, DIMENSION)), np.zeros(1, dtype=np.int64)

@@ -104,6 +104,7 @@ class ArmCollision:
         self._items = collect(robot, state, held, obstacles, self.arm_from_world, reach_m)
         self._scene = np.flatnonzero(self._items.role == "scene")
         self._stated = invert_pose(self.arm_from_world) @ self._items.pose[self._scene]
+        # Motions of bodies are relative to the initial poses, so that they do not add up.
         self._placed = self._stated.copy()
         self._make_shapes()
         self.set_margin(self.config.margin_m)
@@ -286,6 +287,7 @@ class ArmCollision:
     def _make_shapes(self) -> None:
         """Makes the kernel's arrays, and chooses the pairs that are checked."""
         items, moving = self._items, np.isin(self._items.role, ("arm", "held"))
+        # Static shapes first: the kernel tells them from moving ones by their number.
         order = np.argsort(moving, kind="stable")
         self._rank = np.argsort(order, kind="stable")
         statics = int((~moving).sum())
@@ -344,6 +346,7 @@ class ArmCollision:
         paired = np.logical_and.outer(arm, own) & (items.link[:, None] != items.link)
         pairs = np.argwhere(np.triu(paired | paired.T, 1))
         pairs = pairs[[frozenset(both) not in allowed for both in items.link[pairs].tolist()]]
+        # In use for a moment, as the kernel answers for pairs in use only.
         self._use_pairs(pairs)
         # Convex hulls overlap where links do not; the rest pose is known to be free.
         rest = np.array(self.robot.rest_qpos_rad)

@@ -218,6 +218,8 @@ def gjk(
     """Compares the distance of two shapes with a margin, from a direction v between them."""
     radius_m = shapes.local_m[first, 6] + shapes.local_m[second, 6]
     over_m = radius_m + max(margin_m, 0.0) + SLACK_M
+    # A negative margin lets shapes overlap, whose depth coal tells; and boxes around shapes may
+    # overlap where the shapes do not.
     exact = margin_m >= 0.0 and shapes.span[first, 2] != OUTER and shapes.span[second, 2] != OUTER
     under_m = radius_m + margin_m - CLOSER_M
     count, gap2 = 0, dot(v, v)
@@ -239,6 +241,7 @@ def gjk(
         gap2 = dot(v, v)
         if exact and under_m > 0.0 and gap2 < under_m * under_m:
             return HIT
+        # The origin is on the simplex: the shapes just touch, and rounding would decide.
         if gap2 < 1e-20 or count == 4:
             return UNSURE
     return UNSURE

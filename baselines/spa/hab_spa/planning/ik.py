@@ -124,6 +124,7 @@ class BatchArm:
         qpos = np.array(qpos)
         active = np.arange(len(qpos))
         reached = np.zeros(len(qpos), dtype=bool)
+        # The last round moves nothing: it tells what has been reached.
         for step in range(config.steps + 1):
             point_m = np.zeros(3) if tool is None else tool.point_m
             position, jacobian, axes, rotation = self._chain(qpos[active], point_m)
@@ -131,6 +132,8 @@ class BatchArm:
             distance = np.linalg.norm(error, axis=1)
             # Half of the tolerance is reserved for rounding and for control errors.
             done = distance < 0.5 * config.tolerance_m
+            # By position alone: a tilted object is accepted, at a cost
+            # (`PlacingConfig.tilt_cost_m`).
             reached[active] = done
             error *= np.minimum(1.0, config.step_m / np.maximum(distance, 1e-9))[:, None]
             if tool is not None:
@@ -163,6 +166,7 @@ class BatchArm:
         weights = np.array([1.0] * 3 + [turn_weight_m] * 3)
         for _ in range(steps):
             here = pin.SE3(self.ee_pose(qpos))
+            # The logarithm is in the hand's frame, the Jacobian along the axes of the root.
             turn = here.rotation @ pin.log3(here.rotation.T @ goal.rotation)
             error = weights * np.concatenate((goal.translation - here.translation, turn))
             jacobian = weights[:, None] * pin.computeFrameJacobian(

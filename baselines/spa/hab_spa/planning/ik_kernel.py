@@ -162,6 +162,7 @@ def _turn(joints: Floats, goals: Floats, b: int, weight_m: float, error: Floats)
         y += gx * wz - gz * wx
         z += gy * wx - gx * wy
     angle = acos(min(1.0, max(-1.0, 0.5 * (trace - 1.0))))
+    # Without a turn, angle / sin(angle) is its limit 1.
     half = 0.5 if angle < 1e-6 else 0.5 * angle / max(sin(angle), 1e-9)
     error[3], error[4], error[5] = weight_m * half * x, weight_m * half * y, weight_m * half * z
 

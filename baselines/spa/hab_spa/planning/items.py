@@ -155,6 +155,7 @@ def collect(
     Raises:
         ValueError: A shape or pose is not finite, or the arm has no shapes.
     """
+    # Objects that are not part of the episode are bodies without a pose.
     bodies = [body for body in state.bodies if body.shapes and body.name in state.world_from_body]
     roles = [_role(robot, body, held) for body in bodies]
     # Without moving shapes, every pose would be free.

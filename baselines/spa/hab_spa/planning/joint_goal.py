@@ -231,6 +231,7 @@ def sample_rest_goals(
     def draw() -> tuple[Array, Array]:
         starts = near_rest(arm, rng, config.round_starts * 4, config.rest_spread_rad)
         offset_m = rng.normal(size=(len(starts), 3))
+        # Uniform over radii and not over the volume, so that points are denser near the position.
         offset_m *= config.rest_radius_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
         rest_m = np.array(REST_POSITION_M) - collision.base_from_arm[:3, 3]
         world_from_arm = invert_pose(collision.arm_from_world)

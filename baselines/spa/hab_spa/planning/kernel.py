@@ -103,11 +103,13 @@ def _voxels(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: fl
     local_m, placed, one = shapes.local_m, work.placed, len(shapes.local_m) - 1
     half_m, radius_m, found = local_m[other, 8], local_m[moving, 6], FREE
     over_m = max(margin_m, 0.0) + SLACK_M + radius_m
+    # Spheres within the moving shape and within a voxel: they overlap only if the shapes do.
     inner_m = local_m[moving, 8] + half_m + radius_m + margin_m - CLOSER_M
     certain = margin_m >= 0.0 and inner_m > 0.0
     here, reach_m = _centre(local_m, moving, placed), over_m + half_m * sqrt(3.0)
     placed[one] = placed[other]
     first, last = shapes.span[other, 0], shapes.span[other, 1]
+    # Rounded up, as the last block may be short.
     for block in range(-((first - last) // BLOCK)):
         k = shapes.span[other, 4] + block
         x, y, z = shapes.block_m[0, k], shapes.block_m[1, k], shapes.block_m[2, k]
@@ -160,6 +162,7 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
     inner_m += max(local_m[other, 8], -1.0)
     if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
         return HIT
+    # GJK starts from any direction, and equal centres give none.
     if dot(v, v) < 1e-12:
         v = (1.0, 0.0, 0.0)
     return gjk(shapes, placed, moving, other, margin_m, v, work.w, work.weight)
@@ -215,6 +218,7 @@ def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
         said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
         if said == HIT:
             return HIT
+        # `UNSURE` is the larger: a pair in doubt leaves the pose in doubt, unless another one hits.
         found = max(found, said)
     return found
 

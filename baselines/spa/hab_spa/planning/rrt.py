@@ -137,6 +137,7 @@ def _space_information(
     """Returns the joint space with a validity checker, and seeds OMPL's random numbers."""
     # OMPL warns that existing generators keep their seeds; only new ones are used here.
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
+    # OMPL takes 32 bits, and refuses 0.
     ou.RNG.setSeed(seed % (2**31 - 1) + 1)
     bounds = ob.RealVectorBounds(DIMENSION)
     for i, (low, high) in enumerate(zip(*collision.limits_rad, strict=True)):

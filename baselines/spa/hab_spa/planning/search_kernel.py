@@ -160,6 +160,7 @@ def _cut(
     """
     first, last = min(draw[d, 0], draw[d, 1]) * (size - 1), max(draw[d, 0], draw[d, 1]) * (size - 1)
     i, k = int(first), int(last)
+    # Two points of one edge have nothing to straighten between them.
     if i == k or k + 1 >= size:
         return size
     _between(path, i, path, i + 1, first - i, other, 0)
@@ -170,6 +171,7 @@ def _cut(
             count += 1
     _between(path, k, path, k + 1, last - k, other, count)
     count += 1
+    # Poses between are kept for one joint only; else there are none, and `joint` -1 is not used.
     for n in range(1, count - 1):
         share = (i + n - first) / (last - first)
         other[n, joint] = other[0, joint] + (other[count - 1, joint] - other[0, joint]) * share

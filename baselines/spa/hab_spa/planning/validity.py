@@ -82,6 +82,7 @@ class SimulatorCheck:
         bodies = contact.bodies
         if not any(body.entity.per_scene_id in self._moving for body in bodies):
             return False
+        # PhysX reports contacts before bodies touch.
         touches = any(point.separation < 0.0 for point in contact.points)
         for body in bodies if touches else ():
             self._put_back(body)

@@ -19,11 +19,11 @@ import gymnasium as gym
 from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_eval.run.runner import run_episode
 from mani_skill.utils.wrappers.record import RecordEpisode
 
-from hab_spa.recording.options import RecordCommand
+from hab_spa.cli import RecordCommand
 from hab_tasks.engine.rollout import Job
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, open_source

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from hab_eval.run.load_agent import load_agent
+from hab_eval.run.agents import load_agent
 from hab_plans.belief import point_of
 from hab_plans.motion import Failure, Motion
 from hab_plans.motion_log import MotionLog

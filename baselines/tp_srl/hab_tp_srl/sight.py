@@ -85,7 +85,12 @@ class Look:
     def appeared(self, before: Look, near_m: Array) -> list[Array]:
         """Returns what has appeared around a point (3,) since a look, as clouds (P, 3)."""
         around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
-        nearer = (self.depth_m < before.depth_m - CHANGED_M) & ~self.own & around
+        # Through the earlier camera, as contact may have turned the base a little meanwhile.
+        rows, columns = np.nonzero(around & ~self.own)
+        seen, pixels, depths_m = before.view.project(self.view.points_m[rows, columns])
+        seen = seen[depths_m < before.depth_m[tuple(pixels.T)] - CHANGED_M]
+        nearer = np.zeros(self.own.shape, dtype=bool)
+        nearer[rows[seen], columns[seen]] = True
         parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
         ndimage.label(nearer, np.ones((3, 3)), output=parts)
         clouds_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]

@@ -32,6 +32,9 @@ OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
 """What has gone is another object if so much of it was seen, it is not larger, and it was so near.
 A door that was pushed is larger."""
 
+FRONT_M = 0.015
+"""The middle of an object is so much farther than that of what is seen of it, on average."""
+
 MOST_DOUBTS = 2
 """After so many picks that look wrong, what is seen there is taken for something else."""
 
@@ -133,7 +136,9 @@ class TaskView:
         found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
         if found_m is None or self.felt.held == number:
             return None
-        self.felt.places_m[number] = self._to_frame(found_m)
+        outward = found_m[:2] / np.linalg.norm(found_m[:2])
+        middle = np.append(found_m[:2] + FRONT_M * outward, found_m[2])
+        self.felt.places_m[number] = self._to_frame(middle)
         return found_m
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:

@@ -54,19 +54,15 @@ def test_a_door_is_open_once_the_hand_has_pulled_it_far_enough():
 
 
 def test_a_placed_object_is_believed_where_something_has_appeared():
-    """Pixels are 1 cm apart; columns are y, rows are x."""
-    x, y = np.meshgrid(np.arange(60) / 100, np.arange(60) / 100, indexing="ij")
-    points_m = np.stack((x, y, np.full_like(x, 0.8)), axis=-1)
-    before, depth_m = np.ones((60, 60)), np.ones((60, 60))
-    depth_m[20:22, 20:22] = 0.9  # too small
-    depth_m[24:30, 20:26] = 0.9  # x 0.24 to 0.29, y 0.20 to 0.25
-    depth_m[10:16, 50:56] = 0.9  # as large, but farther from the goal
-    depth_m[18:22, 24:30], own = 0.9, np.zeros((60, 60), dtype=bool)
-    own[18:22, 24:30] = True  # the robot's own hand
-    after = look(depth_m, points_m=points_m, own=own)
-    empty = look(before, points_m=points_m, own=own)
-    goal_m = np.array((0.2, 0.2, 0.8))
-    np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.265, 0.225, 0.8))
+    """Things stand 10 cm before a wall 1 m ahead, where pixels are 0.9 cm apart."""
+    depth_m, own = np.ones((100, 100)), np.zeros((100, 100), dtype=bool)
+    depth_m[70:72, 70:72] = 0.9  # too small
+    depth_m[74:80, 70:76] = 0.9  # y 0.2205 to 0.2655, x 0.1845 to 0.2295
+    depth_m[60:66, 92:98] = 0.9  # as large, but farther from the goal
+    depth_m[68:72, 74:80], own[68:72, 74:80] = 0.9, True  # the robot's own hand
+    after, empty = look(depth_m, own=own), look(np.ones((100, 100)))
+    goal_m = np.array((0.18, 0.18, 0.9))
+    np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.207, 0.243, 0.9))
     assert empty.appeared_m(after, goal_m) is None
 
 
@@ -177,7 +173,7 @@ def stage(skill, number, articulation=None):
     return SimpleNamespace(skill=skill, object=number, articulation=articulation)
 
 
-def look(depth_m, points_m=None, own=None):
+def look(depth_m, own=None):
     """A look of a camera at the origin along z, with the camera's axes as the base's."""
     view = DepthView(
         depth_m=depth_m,
@@ -187,7 +183,7 @@ def look(depth_m, points_m=None, own=None):
     )
     return Look(
         depth_m=depth_m,
-        points_m=view.points_m if points_m is None else points_m,
+        points_m=view.points_m,
         own=np.zeros(depth_m.shape, dtype=bool) if own is None else own,
         view=view,
         base_from_world=np.eye(4),

@@ -82,18 +82,25 @@ class Look:
         pixels = tuple(pixels.T)
         return (self.depth_m[pixels] - depths_m)[~self.own[pixels]]
 
+    def appeared(self, before: Look, near_m: Array) -> list[Array]:
+        """Returns what has appeared around a point (3,) since a look, as clouds (P, 3)."""
+        around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
+        nearer = (self.depth_m < before.depth_m - CHANGED_M) & ~self.own & around
+        parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
+        ndimage.label(nearer, np.ones((3, 3)), output=parts)
+        clouds_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
+        return [cloud_m for cloud_m in clouds_m if len(cloud_m) >= LEAST]
+
     def appeared_m(self, before: Look, near_m: Array) -> Array | None:
         """Returns the middle (3,) of what has appeared nearest to a point (3,) since a look.
 
         Returns:
             None if nothing that is large enough has appeared around the point.
         """
-        around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
-        nearer = (self.depth_m < before.depth_m - CHANGED_M) & ~self.own & around
-        parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
-        ndimage.label(nearer, np.ones((3, 3)), output=parts)
-        found_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
-        middles_m = [
-            (one_m.min(axis=0) + one_m.max(axis=0)) / 2 for one_m in found_m if len(one_m) >= LEAST
-        ]
+        middles_m = [middle_m(cloud_m) for cloud_m in self.appeared(before, near_m)]
         return min(middles_m, key=lambda middle_m: np.linalg.norm(middle_m - near_m), default=None)
+
+
+def middle_m(cloud_m: Array) -> Array:
+    """Returns the middle (3,) of the box around a cloud (P, 3)."""
+    return (cloud_m.min(axis=0) + cloud_m.max(axis=0)) / 2

@@ -23,10 +23,14 @@ from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
 from hab_tp_srl.fronts import Fronts, is_there
-from hab_tp_srl.sight import Look
+from hab_tp_srl.sight import Look, middle_m
 
-GONE_M = 0.07
+GONE_M = 0.09
 """The middle of what is seen of an object is so near to its centre of mass."""
+
+OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
+"""What has gone is another object if so much of it was seen, it is not larger, and it was so near.
+A door that was pushed is larger."""
 
 MOST_DOUBTS = 2
 """After so many picks that look wrong, what is seen there is taken for something else."""
@@ -133,14 +137,22 @@ class TaskView:
         return found_m
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
-        """Whether what the hand has taken since a look was seen elsewhere than at a point (3,)."""
+        """Whether what the hand has taken since a look was seen elsewhere than at a point (3,).
+
+        Nothing is known if what was taken was hidden.
+        """
         held = self.felt.held
         if held is None or self.felt.doubts[held] >= MOST_DOUBTS:
             return False
         here_m = self._in_base(point_m)
         # What has gone is what was nearer before.
-        gone_m = before.appeared_m(self.look(robot), here_m)
-        return gone_m is not None and float(np.linalg.norm(gone_m - here_m)) > GONE_M
+        gone = before.appeared(self.look(robot), here_m)
+        gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
+        others = (
+            gap_m < NEAR_M and len(cloud_m) >= OTHER_PX and np.ptp(cloud_m, axis=0).max() < OTHER_M
+            for gap_m, cloud_m in zip(gaps_m, gone, strict=True)
+        )
+        return min(gaps_m, default=np.inf) > GONE_M and any(others)
 
     def see_front(self, look: Look, number: int) -> None:
         """Notes what is seen before a door or drawer is opened."""

@@ -109,7 +109,7 @@ DEFECTS = (
            file="hab_tasks/engine/measures.py",
            old="s.ee_in_base_m - self.goals", new="s.ee_m - self.goals"),
     Defect(name="penalty_cap", first="core/test_rewards_pick.py",
-           file="hab_tasks/engine/rewards.py",
+           file="hab_tasks/engine/rules.py",
            old="-np.minimum(weight", new="-np.maximum(weight"),
     Defect(name="resume_twice", first="eval/test_run.py", file="eval/hab_eval/run/evaluate.py",
            old=" if job[1].id not in finished]", new="]"),

@@ -2,6 +2,7 @@
 
 import pytest
 from hab_plans import Action, NoPlanError, Plan, PlannerError, plan_of, problem_of
+from hab_plans.belief import start_given
 from hab_plans.cli import main
 from hab_plans.problem import task_of
 from hab_plans.solve import replay, solve
@@ -54,6 +55,11 @@ def test_planning_goes_on_from_where_things_are():
     done = ajar | {("at", "apple", "apple-goal"), ("placed", "apple")}
     left = solve(problem.started(done)).actions
     assert [str(action) for action in left] == ["navigate(spawn, drawer)", "close(drawer)"]
+    # An apple beside the bowl is not fetched from the fridge.
+    beside = frozenset({("at", "bowl", "bowl-goal"), ("in", "apple", "room")})
+    beside |= {("is-closed", "drawer"), ("is-closed", "fridge")}
+    left = solve(problem.started(start_given("HabSetTable-v1", beside))).actions
+    assert [action.name for action in left] == ["navigate", "pick", "navigate", "place-inside"]
 
 
 def test_a_goal_that_cannot_be_reached_is_named():

@@ -8,9 +8,15 @@ import pytest
 from hab_navigator.belief import SIDES, GoalBelief, NearSpace, Reach
 from hab_navigator.network import HEADINGS
 from hab_navigator.views import SIDE
+from hab_spa.sensing.cloud import DepthView
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.fronts import Fronts, is_there
+from hab_tp_srl.navigators import LearnedNavigator
 from hab_tp_srl.providers import InTurn
 from hab_tp_srl.sight import Look
+from hab_tp_srl.view import TaskView
+
+from hab_tasks.robots.fetch import FETCH
 
 STARTS_M = np.array(((1.0, 0.0, 0.8), (2.0, 0.0, 0.8)))
 GOALS_M = np.array(((0.0, 1.0, 0.5), (0.0, 2.0, 0.5)))
@@ -57,11 +63,74 @@ def test_a_placed_object_is_believed_where_something_has_appeared():
     depth_m[10:16, 50:56] = 0.9  # as large, but farther from the goal
     depth_m[18:22, 24:30], own = 0.9, np.zeros((60, 60), dtype=bool)
     own[18:22, 24:30] = True  # the robot's own hand
-    after = Look(depth_m=depth_m, points_m=points_m, own=own)
-    empty = Look(depth_m=before, points_m=points_m, own=own)
+    after = look(depth_m, points_m=points_m, own=own)
+    empty = look(before, points_m=points_m, own=own)
     goal_m = np.array((0.2, 0.2, 0.8))
     np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.265, 0.225, 0.8))
     assert empty.appeared_m(after, goal_m) is None
+
+
+@pytest.mark.parametrize(
+    ("out_m", "hidden", "closed"),
+    [
+        (0.0, 0, True),
+        (0.04, 0, True),  # a drawer may stand 5 cm out
+        (0.08, 0, False),
+        (-0.3, 0, False),  # there is nothing but what is behind an open door
+        (0.0, 50, True),  # the robot hides half of the front
+        (0.0, 99, None),
+    ],
+)
+def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
+    out_m, hidden, closed
+):
+    """A wall 1 m ahead; pixels are 1 cm apart there."""
+    fronts, before = Fronts(), look(np.ones((100, 100)))
+    fronts.see(0, before.surfaces_m)
+    assert not len(fronts.of(0))  # it has not been grasped
+    fronts.touch(0, np.array((0.0, 0.0, 0.95)))
+    own = np.zeros((100, 100), dtype=bool)
+    own[:, :hidden] = True
+    now = look(np.full((100, 100), 1.0 - out_m), own=own)
+    assert is_there(now, fronts.of(0)) is closed
+
+
+@pytest.mark.parametrize(
+    ("gone", "took_other"),
+    [
+        ([(45, 45, 10)], False),  # the target, 1 cm aside
+        ([(60, 45, 10)], True),  # a neighbour, 15 cm aside
+        ([(45, 45, 3), (60, 45, 10)], False),  # little is seen of the target
+        ([(60, 45, 4)], False),  # too little to tell
+        ([(60, 5, 90)], False),  # as large as a door
+    ],
+)
+def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, took_other):
+    """Objects stand 10 cm before a wall 1 m ahead, where pixels are 0.9 cm apart."""
+    depth_m = np.ones((100, 100))
+    for row, column, size in gone:
+        depth_m[row : row + size, column : column + size] = 0.9
+    view, before = TaskView(truth=False, feels=True), look(depth_m)
+    view.felt = FeltBeliefs(STARTS_M, GOALS_M, [])
+    view.felt.held, view._located = 0, (0.0, 0.0, 0.0)
+    view.look = lambda robot: look(np.ones((100, 100)))
+    assert view.took_other(FETCH, before, np.array((0.0, -0.01, 0.9))) is took_other
+
+
+def test_what_has_moved_is_driven_to_anew():
+    policy = SimpleNamespace(horizon_steps=1, starts=None, goes_on=lambda turn: True)
+    policy.control = SimpleNamespace(base="still")
+    points_m = [(1.0, 0.0, 0.8), (1.05, 0.0, 0.8), (1.0, 0.5, 0.8)]
+    view = SimpleNamespace(point=lambda stage: np.array(points_m[0]))
+    navigator = LearnedNavigator(policy, {"pick": policy}, view)  # pyright: ignore
+    request = SimpleNamespace(stage=SimpleNamespace(action="pick(a)", skill="pick"))
+    turns = []
+    while points_m:
+        navigator.go(SimpleNamespace(next_seed=lambda: 0), request)
+        turns.append(navigator._last)
+        del points_m[0]
+    assert turns[0] is turns[1]
+    assert turns[2].before is turns[1]
 
 
 def test_further_attempts_of_a_stage_are_by_the_next_in_turn():
@@ -106,3 +175,20 @@ def test_the_hand_has_room_between_the_walls_of_a_fridge():
 
 def stage(skill, number, articulation=None):
     return SimpleNamespace(skill=skill, object=number, articulation=articulation)
+
+
+def look(depth_m, points_m=None, own=None):
+    """A look of a camera at the origin along z, with the camera's axes as the base's."""
+    view = DepthView(
+        depth_m=depth_m,
+        focal_px=np.full(2, 100.0),
+        centre_px=np.array(depth_m.shape[::-1]) / 2,
+        world_from_camera=np.eye(4),
+    )
+    return Look(
+        depth_m=depth_m,
+        points_m=view.points_m if points_m is None else points_m,
+        own=np.zeros(depth_m.shape, dtype=bool) if own is None else own,
+        view=view,
+        base_from_world=np.eye(4),
+    )

@@ -56,7 +56,7 @@ DEFECTS = (
     Defect(name="horizon", first="vector/test_vector_interface.py",
            file="hab_tasks/vector/outputs.py",
            old="steps[chosen] >= self._max_steps", new="steps[chosen] > self._max_steps"),
-    Defect(name="target_frame", first="core/test_sensors.py", file="hab_tasks/engine/sensors.py",
+    Defect(name="target_frame", first="core/test_sensors.py", file="hab_tasks/engine/snapshot.py",
            old="cosine * x + sine * y, cosine * y - sine * x, points_m",
            new="cosine * x - sine * y, cosine * y + sine * x, points_m"),
     Defect(name="row_seed", first="vector/test_vector_rows.py", file="hab_tasks/vector/workers.py",

@@ -182,7 +182,7 @@ def snapshot(
     base, up = raw["base"], np.tile(np.eye(3, dtype=np.float32), (count, 1, 1))
     up[:, 0, 0] = up[:, 1, 1] = np.cos(base[:, 2])
     up[:, 1, 0], up[:, 0, 1] = np.sin(base[:, 2]), -np.sin(base[:, 2])
-    known = {"base_axes": up, "ee_in_base_m": world_to_base(base, raw["ee_m"])}
+    known = {"base_axes": up, "ee_in_base_m": world_to_base(base, raw["ee_m"][:, None])[:, 0]}
     return Snapshot(**known | raw)
 
 
@@ -277,8 +277,8 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
     base, results = env.unwrapped, []
     for _ in range(steps):
         shot = base._simulation.snapshot
-        gap = world_to_base(np.asarray(shot.base), np.asarray(point_m, dtype=np.float32)[None])
-        gap = (gap - np.asarray(shot.ee_in_base_m))[0]
+        gap = world_to_base(shot.base, np.asarray(point_m, dtype=np.float32)[None, None])[0, 0]
+        gap = gap - shot.ee_in_base_m[0]
         if np.linalg.norm(gap) < within_m:
             break
         results.append(env.step(ee_action(env, np.clip(gap / 0.015, -1, 1), gripper)))

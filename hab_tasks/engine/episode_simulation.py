@@ -155,6 +155,7 @@ class EpisodeSimulation:
         self.delay = ActionDelay(self._delay_steps, agent.controller) if self._delay_steps else None
         if self._prefetch:
             for scene_id in self.source.scene_ids():
+                # Shown once, so that its furniture is built; the pool keeps it.
                 self._pool.show(self.source.scene(scene_id), ())
         self._shown = None
         self._show()
@@ -165,6 +166,7 @@ class EpisodeSimulation:
         if self._shown is not None:
             if self._shown.is_of(layout, objects):
                 return
+            # A grasp is a constraint with a body, which leaves the scene with its layout.
             self.grasp.reset()
         self._shown, self._loose = ActiveLayout(layout, objects), {}
         spec = self.source.scene(layout)

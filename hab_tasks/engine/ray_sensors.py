@@ -91,6 +91,7 @@ class RaySensors:
             Camera -> ``depth`` (1, H, W, 1) [mm], ``position`` (1, H, W, 3) [mm] with x right, y
             up, z backwards, ``segmentation`` (1, H, W, 1), as wanted; int16, 0 where nothing is.
         """
+        # By identity, as there is a new one after every change.
         if self._shown is not self._simulation.shown:
             self._scene = RayScene(list(self._bodies()))
             self._shown = self._simulation.shown

@@ -15,7 +15,7 @@ from hab_tasks.arrays import Floats
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.snapshot import Snapshot
+from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.spec import RobotSpec
@@ -113,14 +113,6 @@ def _from_ee(s: Snapshot, point_m: Floats, axes: Floats) -> Floats:
     return ((point_m - s.ee_m)[:, None] @ axes)[:, 0]
 
 
-def in_base_frame(s: Snapshot, points_m: Floats) -> Floats:
-    """Maps world points (N, P, 3) to the base frame (N, P, 3); heights are kept."""
-    yaw = s.base[:, 2:]
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    x, y = points_m[:, :, 0] - s.base[:, :1], points_m[:, :, 1] - s.base[:, 1:2]
-    return np.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
-
-
 def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Floats:
     return g.rest_m - m.ee_in_base_m
 
@@ -209,7 +201,7 @@ POINT = ObsEntry(
     shape=(3,),
     unit="m",
     meaning="start or goal of the object, base frame",
-    read=lambda s, m, g: in_base_frame(s, g.goals_m[:, :1])[:, 0],
+    read=lambda s, m, g: world_to_base(s.base, g.goals_m[:, :1])[:, 0],
     in_ee=ObsEntry(
         name="point_in_ee",
         shape=(3,),
@@ -234,7 +226,7 @@ def targets_in_base(objects: int) -> ObsEntry:
     def read(s: Snapshot, m: Measures, g: Goals) -> Floats:
         count, objects = g.starts_m.shape[:2]
         pairs = np.stack((g.starts_m, g.goals_m), axis=2).reshape(count, 2 * objects, 3)
-        return in_base_frame(s, pairs).reshape(count, 6 * objects)
+        return world_to_base(s.base, pairs).reshape(count, 6 * objects)
 
     return ObsEntry(
         name="targets_in_base",
@@ -252,7 +244,7 @@ def handles_in_base(articulations: int) -> ObsEntry:
         shape=(3 * articulations,),
         unit="m",
         meaning="current handle of each door and drawer, base frame",
-        read=lambda s, m, g: in_base_frame(s, s.handles_m).reshape(-1, 3 * articulations),
+        read=lambda s, m, g: world_to_base(s.base, s.handles_m).reshape(-1, 3 * articulations),
     )
 
 

@@ -144,11 +144,11 @@ class _ArticulationReader:
 
 
 def world_to_base(base: Floats, points_m: Floats) -> Floats:
-    """Maps world points (N, 3) to the base frames (N, 3: x, y, yaw); heights are kept."""
-    offset = points_m[:, :2] - base[:, :2]
-    cosine, sine = np.cos(base[:, 2]), np.sin(base[:, 2])
-    x, y = offset[:, 0], offset[:, 1]
-    return np.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, 2]), axis=1)
+    """Maps world points (N, P, 3) to the base frames (N, 3: x, y, yaw); heights are kept."""
+    yaw = base[:, 2:3]
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    x, y = points_m[:, :, 0] - base[:, :1], points_m[:, :, 1] - base[:, 1:2]
+    return np.stack((cosine * x + sine * y, cosine * y - sine * x, points_m[:, :, 2]), axis=2)
 
 
 class ContactForce:

@@ -154,6 +154,7 @@ class SnapGrasp:
 
     def set_state(self, state: Mapping[str, Tensor]) -> None:
         """Restores a state of `get_state`, after the bodies' poses were restored."""
+        # Constraint and collision groups are no part of the simulator's state: they are made anew.
         self.reset()
         held, handle = int(state["held"][0]), int(state["held_handle"][0])
         if held != NOTHING:
@@ -189,6 +190,7 @@ class SnapGrasp:
         ee_m = self.ee_position_m()
         if self.takes != "handles":
             for index in _in_range(ee_m, self.objects_com_m()):
+                # Asked of those in range only, as it casts a ray.
                 if not self._is_hidden(index, ee_m):
                     self.attach(index)
                     return
@@ -244,6 +246,8 @@ class SnapGrasp:
 
     def _release(self) -> None:
         if self.held != NOTHING:
+            # Habitat's rule: no contact with the robot until it is farther off than its largest
+            # side.
             self._leaving_m[self.held] = _largest_side_m(self.objects[self.held])
         if self.holding:
             self._tie.release()

@@ -174,6 +174,7 @@ class SleepingObjects:
         for index in np.flatnonzero(near).tolist():
             self.wake(index)
         for index in self._active[:]:
+            # PhysX's own sleep tells what has been at rest for a while.
             if not near[index] and index != held and self._bodies[index].is_sleeping:
                 self._freeze(index)
                 self._active.remove(index)

@@ -14,7 +14,7 @@ from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
+from hab_tasks.episodes.generators.base import Generator, pose_scene, start_state
 from hab_tasks.episodes.generators.furniture import (
     LayoutArticulation,
     carried,
@@ -25,7 +25,6 @@ from hab_tasks.episodes.generators.furniture import (
     other_drawers,
     slides,
 )
-from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import POSE_DIGITS, Episode, Rearrangement
@@ -50,13 +49,7 @@ class OpenDrawerStarts(Generator):
         (spot,) = self.spots(sandbox, (DRAWER_RECEPTACLE,))[:1]
         articulation = find_articulation(sandbox, DRAWER.marker)
         handles = self.draw(rng, 1)
-        sandbox.show(handles)
-        sandbox.open_joints(spot.joints)
-        placer = Placer(sandbox, rng, self.settling)
-        put_all(placer, handles, [spot])
-        objects = placer.settle()
-        if not objects:
-            raise RejectedSampleError("nothing rests on the receptacle")
+        objects = self.settled(sandbox, rng, handles, spot)
         if not slides(sandbox, objects, articulation):
             raise RejectedSampleError("the drawer cannot be moved with the object")
         travel_m = sandbox.joint_limits(articulation.ref.furniture, articulation.ref.joint)[1]

@@ -14,9 +14,8 @@ from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
-from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
+from hab_tasks.episodes.generators.base import Generator, pose_scene, start_state
 from hab_tasks.episodes.generators.furniture import find_articulation, handles_m, level_frame
-from hab_tasks.episodes.placing import Placer
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, Rearrangement
@@ -40,13 +39,7 @@ class OpenFridgeStarts(Generator):
         (spot,) = self.spots(sandbox, (FRIDGE_RECEPTACLE,))[:1]
         articulation = find_articulation(sandbox, FRIDGE.marker)
         handles = self.draw(rng, int(rng.integers(1, MOST_IN_FRIDGE + 1)))
-        sandbox.show(handles)
-        sandbox.open_joints(spot.joints)
-        placer = Placer(sandbox, rng, self.settling)
-        put_all(placer, handles, [spot])
-        objects = placer.settle()
-        if not objects:
-            raise RejectedSampleError("nothing rests on the receptacle")
+        objects = self.settled(sandbox, rng, handles, spot)
         target = list(objects)[int(rng.integers(len(objects)))]
         angle = round(float(rng.uniform(*self.open_rad)), 6)
         pose_scene(sandbox, objects, {articulation.ref.furniture: {articulation.ref.joint: angle}})
@@ -74,7 +67,7 @@ def outside(region: Rectangle, frame: Floats, base: Floats) -> Bools:
 
     Both are x [m], y [m], yaw [rad].
     """
-    local = world_to_base(frame, base)
+    local = world_to_base(frame, base[:, None])[:, 0]
     x, y = local[:, 0], local[:, 1]
     return (x < region.x_m[0]) | (x > region.x_m[1]) | (y < region.y_m[0]) | (y > region.y_m[1])
 

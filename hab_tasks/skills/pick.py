@@ -10,7 +10,7 @@ from hab_tasks.arrays import Bools, Floats
 from hab_tasks.constants import REST_RADIUS_M, SKILL_HORIZON_STEPS
 from hab_tasks.engine.goals import Goals, Requirements
 from hab_tasks.engine.measures import Measures
-from hab_tasks.engine.rewards import force_penalty, weighted_by_completion_time
+from hab_tasks.engine.rules import force_penalty, weighted_by_completion_time
 from hab_tasks.engine.sensors import OBJECT_START, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot

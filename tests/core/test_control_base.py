@@ -30,7 +30,7 @@ def hand_m(sim):
     """The end-effector (3,) in the base frame."""
     pose = sim.agent.ee_link.pose.to_transformation_matrix()[0]
     point = (pose @ torch.tensor([0.08, 0.0, 0.0, 1.0]))[:3]
-    return world_to_base(sim.base()[None], point[None].numpy())[0]
+    return world_to_base(sim.base()[None], point[None, None].numpy())[0, 0]
 
 
 def test_the_cells_are_the_papers():

@@ -5,7 +5,7 @@ import pytest
 import torch
 from builders import evaluate_rules, measures, row
 
-from hab_tasks.engine.rewards import force_penalty
+from hab_tasks.engine.rules import force_penalty
 from hab_tasks.skills.pick import PICK
 
 

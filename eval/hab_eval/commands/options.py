@@ -146,7 +146,7 @@ class BenchCommand(Command):
     """Options of `hab-eval bench`."""
 
     help: ClassVar[str] = BENCH_HELP
-    work: ClassVar[str] = "hab_eval.commands.run:run_bench"
+    work: ClassVar[str] = "hab_eval.commands.bench:run_bench"
 
     suite: Annotated[str, tyro.conf.arg(metavar="NAME")]
     """Benchmark suite, see above."""

@@ -1,4 +1,4 @@
-"""The work of `hab-eval run` and `bench`."""
+"""The work of `hab-eval run`, and its tables."""
 
 from __future__ import annotations
 
@@ -7,9 +7,7 @@ from collections.abc import Iterable
 
 from rich.table import Table
 
-from hab_eval.bench.report import make_report, row_table, write_report
-from hab_eval.bench.suite import BenchOptions, find_suite, run_suite
-from hab_eval.commands.options import BenchCommand, RunCommand
+from hab_eval.commands.options import RunCommand
 from hab_eval.records.leaderboard import (
     Group,
     build_groups,
@@ -23,7 +21,6 @@ from hab_eval.records.stats import Estimate
 from hab_eval.run.evaluate import RunOptions, evaluate
 from hab_eval.run.progress import make_reporter
 from hab_tasks.io.executors import ExecutorChoice
-from hab_tasks.io.files import check_file
 
 
 def run(options: RunCommand) -> int:
@@ -51,25 +48,6 @@ def run(options: RunCommand) -> int:
     groups = build_groups({**others, "this run": record})
     for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
         show(table)
-    return 0
-
-
-def run_bench(options: BenchCommand) -> int:
-    """Runs the suite, then prints and writes the results."""
-    bench = BenchOptions(
-        suite=find_suite(options.suite),
-        scene_dataset=options.scene_dataset,
-        objects=options.objects,
-        scenes=options.scene,
-        envs=options.env,
-        repeats=options.repeats,
-        steps=options.steps,
-    )
-    check_file(options.json, force=options.force)  # before minutes are spent
-    rows = run_suite(bench, lambda line: print(line, flush=True))
-    write_report(options.json, make_report(options.suite, rows), force=options.force)
-    show(row_table(rows))
-    print(f"wrote {options.json}")
     return 0
 
 

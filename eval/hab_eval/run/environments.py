@@ -75,7 +75,12 @@ def load_episode_set(
     config: EvalConfig, progress: CountCallback | None, workers: int | Executor
 ) -> EpisodeSet:
     """Returns the episode set of `config`; `workers`, or an executor, generate missing ones."""
-    request = hab_tasks.EpisodeRequest(
+    return hab_tasks.load_episodes(request_of(config), config.episodes, progress, workers)
+
+
+def request_of(config: EvalConfig) -> hab_tasks.EpisodeRequest:
+    """Returns what episodes a configuration asks for."""
+    return hab_tasks.EpisodeRequest(
         env_id=config.env,
         scene_dataset=config.scene_dataset,
         objects=config.objects,
@@ -83,7 +88,6 @@ def load_episode_set(
         seed=config.seed,
         novel=config.novel,
     )
-    return hab_tasks.load_episodes(request, config.episodes, progress, workers)
 
 
 def make_env(

@@ -195,6 +195,23 @@ class Generator(ABC):
         names = [self.objects.names[i] for i in rng.integers(len(self.objects.names), size=count)]
         return instances(names)
 
+    def settled(
+        self, sandbox: PlacementSandbox, rng: np.random.Generator, handles: list[str], spot: Spot
+    ) -> dict[str, Pose7]:
+        """Puts objects in an open receptacle; returns the poses of those that rest in it.
+
+        Raises:
+            RejectedSampleError: None does.
+        """
+        sandbox.show(handles)
+        sandbox.open_joints(spot.joints)
+        placer = Placer(sandbox, rng, self.settling)
+        put_all(placer, handles, [spot])
+        objects = placer.settle()
+        if not objects:
+            raise RejectedSampleError("nothing rests on the receptacle")
+        return objects
+
 
 def instances(names: Iterable[str]) -> list[str]:
     """Returns instance names for objects that may repeat: ``bowl_:0000``, ``bowl_:0001``."""

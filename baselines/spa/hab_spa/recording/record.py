@@ -26,7 +26,7 @@ from mani_skill.utils.wrappers.record import RecordEpisode
 from hab_spa.cli import RecordCommand
 from hab_tasks.engine.rollout import Job
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes import Episode, EpisodeRequest, open_source
+from hab_tasks.episodes import Episode, open_source
 from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.io.console import tell
 from hab_tasks.io.executors import ExecutorChoice
@@ -208,16 +208,7 @@ class Player:
         use_one_thread()  # as in an evaluation
         config = plan.config
         self._agent = load_agent(config.agent, environments.setup_of(config))
-        self.source = open_source(
-            EpisodeRequest(
-                env_id=config.env,
-                scene_dataset=config.scene_dataset,
-                objects=config.objects,
-                split=config.split,
-                seed=config.seed,
-                novel=config.novel,
-            )
-        )
+        self.source = open_source(environments.request_of(config))
         env: Any = environments.make_env(
             config, self._agent.spec, split=self.source.split, render=False, num_episodes=plan.most
         )

@@ -7,6 +7,7 @@ not at the goal, it excludes what the stop has tried, and goes on.
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +19,7 @@ from hab_navigator.robot_map import RobotMap, turned
 from hab_navigator.seen_floor import SeenFloor
 from hab_navigator.views import View, inputs
 from hab_tasks.privileged import Array
-from hab_tasks.robots.control_modes import STOP_CELL
+from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import ShortestPathFollower
 
@@ -54,6 +55,13 @@ REFRESH_ACTIONS = 5
 
 PATIENCE_ACTIONS = 45
 """A place that is not reached within so many actions is excluded."""
+
+STUCK_ACTIONS, STUCK_M = 14, 0.12
+"""In a task, a base that comes no farther than this in so many actions is stuck: its arm touches a
+wall and springs back. The place is excluded, and it drives back ..."""
+
+BACK_ACTIONS, BACK_CELL = 6, BASE_CELLS.index((-0.5, 0.0))
+"""... for so many actions."""
 
 KEEP_SHARE = 1.3
 """Another place has to be so much better than the one that the robot is driving to."""
@@ -100,6 +108,7 @@ class Navigator:
         self._belief: GoalBelief | None = None
         self._worth, self._here = 0.0, 0.0  # of the aim; share of goals found by a stop here
         self._age, self._stopped = 0, False
+        self._track, self._back = deque[Array](maxlen=STUCK_ACTIONS), 0
 
     def action(
         self, depth: Any, point_in_base_m: Array, holding: bool, base: Array | None = None
@@ -123,7 +132,9 @@ class Navigator:
         self._choose(self._belief, floor, self.view(float(point_in_base_m[2]), holding))
         assert self.aim is not None
         action = STOP_CELL
-        if not self._stops_here(self._belief):
+        if base is not None and self._is_stuck(self._belief):
+            action = BACK_CELL
+        elif not self._stops_here(self._belief):
             follower = ShortestPathFollower(
                 floor, self.aim, REPEAT, arrived_m=ARRIVED_M, arrived_rad=ARRIVED_RAD
             )
@@ -131,6 +142,21 @@ class Navigator:
         self._stopped = action == STOP_CELL
         self.map.take(action)
         return action
+
+    def _is_stuck(self, belief: GoalBelief) -> bool:
+        """Whether the base drives back, as it came no farther."""
+        self._back = max(0, self._back - 1)
+        if self._stopped or self._back:
+            self._track.clear()
+            return self._back > 0
+        self._track.append(self.map.pose[:2].copy())
+        come_m = np.linalg.norm(np.array(self._track) - self._track[-1], axis=1).max()
+        if len(self._track) < STUCK_ACTIONS or come_m > STUCK_M:
+            return False
+        assert self.aim is not None
+        belief.exclude(self.aim)
+        self._back = BACK_ACTIONS
+        return True
 
     def view(self, height_m: float, holding: bool) -> View:
         """Returns what the network sees now."""

@@ -92,6 +92,13 @@ RAYS_PX = 64
 ARM_M = ((0.0, 1.0), (-0.35, 0.35), (0.5, 1.5))
 """Box in the base frame around the resting arm and what it holds, which are not drawn."""
 
+GONE_M, GONE_WITHIN_M, GONE_HEIGHTS = 0.3, 3.0, 8
+"""An obstacle is gone if the image shows surfaces so far behind it at all of so many heights that
+are in view. Obstacles beyond the second distance are not looked through."""
+
+LEAST_HEIGHTS = 3
+"""At so many of the heights it has to be in view."""
+
 AS_WANTED_M = (0.01, 0.03)
 """A base that has moved as its action wants is so near to there, to the side and ahead."""
 
@@ -145,6 +152,7 @@ class RobotMap:
         point_m = np.asarray(point_in_base_m[:2], dtype=float)
         if base is not None:
             self._stand(base)
+            self._forget_gone(np.asarray(depth))
         elif self._has_point:
             matched = (points_m[:, 2] > OBSTACLE_M) & (distances_m < NEAR_M)
             self._move(point_m, points_m[matched, :2])
@@ -161,6 +169,23 @@ class RobotMap:
         seen[flat] = np.maximum(seen[flat], SEEN)
         self.seen[tuple(cells_of(self.pose[:2]))] = VISITED
         return points_m
+
+    def _forget_gone(self, depth: Array) -> None:
+        """Removes obstacles through which the image shows what is behind: doors move, and arms."""
+        x, y = cells_of(self.pose[:2])
+        low = np.maximum((x, y) - np.array(int(GONE_WITHIN_M / CELL_M)), 0)
+        near = self.tops[low[0] : 2 * x - low[0], low[1] : 2 * y - low[1]]
+        cells = np.argwhere(near > 255 * OBSTACLE_M / HIGHEST_M) + low
+        tops_m = HIGHEST_M / 255 * self.tops[tuple(cells.T)]
+        shares = (np.arange(GONE_HEIGHTS) + 0.5) / GONE_HEIGHTS
+        heights_m = OBSTACLE_M + (tops_m - OBSTACLE_M)[:, None] * shares
+        in_map_m = CELL_M * (cells - CELLS // 2 + 0.5)
+        level_m = turned(in_map_m - self.pose[:2], -self.pose[2])
+        level_m = np.broadcast_to(level_m[:, None], (*heights_m.shape, 2))
+        behind_m = behind(depth, self._camera, np.dstack((level_m, heights_m)))
+        seen = np.isfinite(behind_m)
+        through = (seen.sum(axis=1) >= LEAST_HEIGHTS) & (~seen | (behind_m > GONE_M)).all(axis=1)
+        self.tops[tuple(cells[through].T)] = 0
 
     def _stand(self, base: Array) -> None:
         """Sets the pose; the first one is the origin of the map."""
@@ -235,6 +260,28 @@ def surfaces(depth: Array, camera: CameraPlace, rays_px: int) -> tuple[Array, Ar
         arm &= (in_base_m[..., axis] > low_m) & (in_base_m[..., axis] < high_m)
     kept &= ~arm
     return in_base_m[kept], distances_m[kept]
+
+
+def behind(depth: Array, camera: CameraPlace, points_m: Array) -> Array:
+    """Returns how far (...) behind points (..., 3) in the base frame an image shows something.
+
+    Args:
+        depth: (H, W, 1) depth image of the head camera as shares of its range.
+        camera: That camera.
+        points_m: The points.
+
+    Returns:
+        Metres along the camera's axis; NaN outside the image.
+    """
+    pose = camera_pose(camera).to_transformation_matrix()
+    ahead_m, left_m, up_m = np.moveaxis((points_m - pose[:3, 3]) @ pose[:3, :3], -1, 0)
+    ahead_m = np.where(ahead_m > 0.0, ahead_m, np.nan)
+    slopes = np.stack((-up_m, -left_m)) / ahead_m / np.tan(CAMERA_HFOV_RAD / 2)
+    inside = (np.abs(slopes) < 1.0).all(axis=0)
+    rows, columns = ((slopes[:, inside] + 1.0) / 2 * len(depth)).astype(np.intp)
+    found_m = np.full(ahead_m.shape, np.nan)
+    found_m[inside] = CAMERA_DEPTH_MAX_M * depth[rows, columns, 0] - ahead_m[inside]
+    return found_m
 
 
 @cache

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 from hab_navigator.lessons import Lessons, fit, from_middle, goal_bins, misfit, turned_goals
-from hab_navigator.navigator import REPEAT, Navigator
+from hab_navigator.navigator import BACK_CELL, REPEAT, Navigator
 from hab_navigator.network import HEADINGS, GoalNetwork
 from hab_navigator.robot_map import CELLS, RAYS_PX, SEEN, VISITED, RobotMap, _rays
 from hab_navigator.seen_floor import SeenFloor
@@ -39,6 +39,16 @@ def wall_ahead(distance_m):
     forward = np.cos(down_rad) - slopes * np.sin(down_rad)
     depth_m = (distance_m - 0.17) / forward
     return (np.repeat(depth_m[:, None], 128, axis=1) / 10.0)[..., None].astype(np.float32)
+
+
+def table_ahead(distance_m, behind_m):
+    """The image of a table's edge 0.6 to 0.8 m high, and of the wall behind it."""
+    edge, slopes = wall_ahead(distance_m), 2 * (np.arange(128) + 0.5) / 128 - 1
+    down_rad = np.arctan2(0.2, 0.58)
+    drop = np.sin(down_rad) + slopes * np.cos(down_rad)  # of a ray, for each metre of depth
+    height_m = 1.2 - 10.0 * edge[:, :, 0] * drop[:, None]
+    hits = (height_m > 0.6) & (height_m < 0.8)
+    return np.where(hits[..., None], edge, wall_ahead(behind_m))
 
 
 def corner(yaw_rad, y_m):
@@ -102,6 +112,26 @@ def test_a_wall_is_drawn_where_it_is():
     assert 26 <= np.count_nonzero(map_.tops[MIDDLE + 12]) <= 28
     assert (map_.seen[map_.tops > 0] == SEEN).all()
     assert map_.seen[MIDDLE, MIDDLE] == VISITED
+
+
+def test_where_the_base_pose_is_known_what_is_seen_through_is_forgotten():
+    for first, then, left in (
+        (wall_ahead(1.25), wall_ahead(2.05), [20]),  # a door that was moved
+        (table_ahead(1.25, 2.05), table_ahead(1.25, 2.05), [12, 20]),
+        (wall_ahead(1.25), table_ahead(1.25, 2.05), [12, 20]),
+    ):
+        map_ = RobotMap(FETCH, REPEAT)
+        for image in (first, then):
+            map_.look(image, point(1.25, 0.5), np.zeros(3))
+        middle = map_.tops[:, MIDDLE - 4 : MIDDLE + 4]
+        assert (np.flatnonzero(middle.any(axis=1)) - MIDDLE).tolist() == left
+
+
+def test_in_a_task_a_base_that_comes_no_farther_drives_back():
+    navigator = Navigator(FETCH, Believing([[-1.05, 0.05, 0.0]], [1.0]), stops="once")
+    cells = [navigator.action(NOTHING, point(3.0, 0.0), False, np.zeros(3)) for _ in range(21)]
+    # At the fourteenth pose it is known to be stuck: six actions back, and it tries again.
+    assert [cell == BACK_CELL for cell in cells] == [False] * 13 + [True] * 6 + [False] * 2
 
 
 def test_a_base_passes_a_gap_that_is_as_wide():

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.planning.validity import kernel_agreement
-from hab_spa.sensing.voxels import octrees
+from hab_spa.sensing.voxels import voxel_obstacles
 from hab_spa.shapes import shape_bounds_m
 
 from hab_tasks.privileged import CollisionShape
@@ -65,7 +65,7 @@ def test_agrees_with_physx_on_random_poses(make_scene):
 
 def test_the_kernel_answers_as_coal_does_near_contact_too(shelf_state):
     cloud_m = np.random.default_rng(0).uniform((0.35, 0.15, 0.85), (0.65, 0.45, 1.15), (400, 3))
-    voxels = octrees(np.floor(cloud_m / 0.012) * 0.012 + 0.006, 0.012, cell_m=0.2)
+    voxels = voxel_obstacles(np.floor(cloud_m / 0.012) * 0.012 + 0.006, 0.012, cell_m=0.2)
     model = ArmCollision(FETCH, shelf_state, obstacles=voxels)
     for margin_m in (0.02, 0.0):
         model.set_margin(margin_m)

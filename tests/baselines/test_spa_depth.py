@@ -1,4 +1,4 @@
-"""Perception of SPA: depth images, voxels, octrees, fitted boxes and contact detection."""
+"""Perception of SPA: depth images, voxels, fitted boxes and contact detection."""
 
 import json
 from dataclasses import replace
@@ -11,7 +11,7 @@ from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.sensing.voxels import VoxelConfig, VoxelMap, octrees
+from hab_spa.sensing.voxels import VoxelConfig, VoxelMap, voxel_obstacles
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH
@@ -110,7 +110,7 @@ def test_what_hides_behind_a_surface_is_not_free_until_seen():
     assert not ((np.abs(hidden[:, :2]) < 0.1).all(axis=1) & (hidden[:, 2] > 0.05)).any()
 
 
-def test_octrees_tell_what_the_true_shapes_tell(table_scene):
+def test_voxels_tell_what_the_true_shapes_tell(table_scene):
     state = table_scene.privileged("target")
     gone = {"table", "leg-0.55", "leg+0.55", "target", "clutter0", "clutter1"}
     assert gone < state.world_from_body.keys()
@@ -121,7 +121,7 @@ def test_octrees_tell_what_the_true_shapes_tell(table_scene):
     voxels.add(box_from_the_front(centre, half, 0.01))
     voxels.add(box_from_the_front(centre, half * (1, 1, -1), 0.01))  # the lower side
     config = CollisionConfig(margin_m=0.0)
-    obstacles = octrees(voxels.centres_m(), 0.01, cell_m=0.2)
+    obstacles = voxel_obstacles(voxels.centres_m(), 0.01, cell_m=0.2)
     seen = ArmCollision(
         FETCH, replace(state, world_from_body=bare), config=config, obstacles=obstacles
     )

@@ -19,7 +19,7 @@ from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import HELD, BoxConfig, FittedBox, HeldBox, fit_box, other_things_m
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.sensing.voxels import octrees
+from hab_spa.sensing.voxels import voxel_obstacles
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
@@ -50,7 +50,7 @@ class SeenConfig:
         reach_m: Maximum distance of obstacles from the shoulder.
         map_m: Maximum distance of mapped points from the shoulder.
         watch_steps: Interval of checks for new obstacles during a motion.
-        cell_m: Edge of the grid cells; each has its own octree.
+        cell_m: Edge of the grid cells; each is an obstacle of its own.
         fit_reach_m: Radius of the points around the object for fitting its box.
         fit_spacing_m: Spacing of these points ...
         fit_slope: ... and their slope; see `hab_spa.sensing.cloud.surface_points_m`.
@@ -248,7 +248,7 @@ class SeenScene:
         obstacles = [
             obstacle
             for centres_m, size_m in zip((surfaces_m, hidden_m), sizes, strict=True)
-            for obstacle in octrees(
+            for obstacle in voxel_obstacles(
                 centres_m[~self._cleared(centres_m, size_m, here, without)], size_m, config.cell_m
             )
         ]

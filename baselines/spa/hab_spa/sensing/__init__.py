@@ -1,1 +1,1 @@
-"""Perception from depth images: point clouds, boxes, voxels and octrees."""
+"""Perception from depth images: point clouds, boxes and voxels."""

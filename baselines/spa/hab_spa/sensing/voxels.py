@@ -97,7 +97,7 @@ NEAR = 4
 """Voxels of a cube of so many edges follow each other."""
 
 
-def octrees(centres_m: Array, size_m: float, cell_m: float) -> list[Obstacle]:
+def voxel_obstacles(centres_m: Array, size_m: float, cell_m: float) -> list[Obstacle]:
     """Returns voxels as obstacles, one for each grid cell.
 
     Margins are relaxed per pair of shapes. With a single obstacle, an arm that starts near one

@@ -26,8 +26,9 @@ CHANGED_M = 0.015
 AROUND_M, LEAST = 0.5, 8
 """What has appeared is looked for so far around, and has so many pixels at least."""
 
-OWN_M = 0.04
-"""Surfaces so near to the robot's own shapes are taken for its own."""
+OWN_M, OWN_PX = 0.04, 2
+"""Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
+edges a pixel may show either."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -58,6 +59,7 @@ class Look:
         seen, own = np.isfinite(view.depth_m), np.zeros(view.depth_m.shape, dtype=bool)
         shapes = own_shapes(robot)
         own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
+        own = np.array(ndimage.binary_dilation(own, iterations=OWN_PX), dtype=bool)
         return cls(
             depth_m=view.depth_m,
             points_m=points_m,
@@ -91,10 +93,17 @@ class Look:
         seen = seen[depths_m < before.depth_m[tuple(pixels.T)] - CHANGED_M]
         nearer = np.zeros(self.own.shape, dtype=bool)
         nearer[rows[seen], columns[seen]] = True
+        # Without lines one pixel wide: a base that sways by a millimetre shifts edges.
+        nearer = ndimage.binary_opening(nearer, np.ones((2, 2)))
         parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
         ndimage.label(nearer, np.ones((3, 3)), output=parts)
         clouds_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
         return [cloud_m for cloud_m in clouds_m if len(cloud_m) >= LEAST]
+
+    def moved_to(self, after: Look, points_m: Array) -> Array:
+        """Maps points (P, 3) from the base frame of this look to that of another one."""
+        after_from_before = after.base_from_world @ invert_pose(self.base_from_world)
+        return points_m @ after_from_before[:3, :3].T + after_from_before[:3, 3]
 
     def appeared_m(self, before: Look, near_m: Array) -> Array | None:
         """Returns the middle (3,) of what has appeared nearest to a point (3,) since a look.

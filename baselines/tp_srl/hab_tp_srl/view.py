@@ -22,7 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import Fronts, is_there
+from hab_tp_srl.fronts import LEAST_SEEN, Fronts, is_there
 from hab_tp_srl.sight import Look, middle_m
 
 GONE_M = 0.09
@@ -151,7 +151,8 @@ class TaskView:
             return False
         here_m = self._in_base(point_m)
         # What has gone is what was nearer before.
-        gone = before.appeared(self.look(robot), here_m)
+        after = self.look(robot)
+        gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
         gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
         others = (
             gap_m < NEAR_M and len(cloud_m) >= OTHER_PX and np.ptp(cloud_m, axis=0).max() < OTHER_M
@@ -170,7 +171,7 @@ class TaskView:
         One that is not in view is taken for open: it may be, and the way to close it leads there.
         """
         front_m = self._fronts.of(number)
-        if not len(front_m):  # it was never opened
+        if len(front_m) < LEAST_SEEN:  # it was never opened, or hardly seen: what was felt counts
             return self.felt.openings[number] == "closed"
         closed = is_there(look, np.array([self._in_base(point_m) for point_m in front_m]))
         self.felt.openings[number] = "closed" if closed else "ajar"

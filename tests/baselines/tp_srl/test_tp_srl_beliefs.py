@@ -73,7 +73,7 @@ def test_a_placed_object_is_believed_where_something_has_appeared():
         (0.04, 0, True),  # a drawer may stand 5 cm out
         (0.08, 0, False),
         (-0.3, 0, False),  # there is nothing but what is behind an open door
-        (0.0, 50, True),  # the robot hides half of the front
+        (0.0, 45, True),  # the robot hides a third of the front
         (0.0, 99, None),
     ],
 )

@@ -132,7 +132,7 @@ class Navigator:
         self._choose(self._belief, floor, self.view(float(point_in_base_m[2]), holding))
         assert self.aim is not None
         action = STOP_CELL
-        if base is not None and self._is_stuck(self._belief):
+        if base is not None and self._backs_off(self._belief):
             action = BACK_CELL
         elif not self._stops_here(self._belief):
             follower = ShortestPathFollower(
@@ -143,7 +143,7 @@ class Navigator:
         self.map.take(action)
         return action
 
-    def _is_stuck(self, belief: GoalBelief) -> bool:
+    def _backs_off(self, belief: GoalBelief) -> bool:
         """Whether the base drives back, as it came no farther."""
         self._back = max(0, self._back - 1)
         if self._stopped or self._back:

@@ -32,7 +32,7 @@ OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
 """What has gone is another object if so much of it was seen, it is not larger, and it was so near.
 A door that was pushed is larger."""
 
-FRONT_M = 0.015
+NEARER_M = 0.015
 """The middle of an object is so much farther than that of what is seen of it, on average."""
 
 MOST_DOUBTS = 2
@@ -137,7 +137,7 @@ class TaskView:
         if found_m is None or self.felt.held == number:
             return None
         outward = found_m[:2] / np.linalg.norm(found_m[:2])
-        middle = np.append(found_m[:2] + FRONT_M * outward, found_m[2])
+        middle = np.append(found_m[:2] + NEARER_M * outward, found_m[2])
         self.felt.places_m[number] = self._to_frame(middle)
         return found_m
 

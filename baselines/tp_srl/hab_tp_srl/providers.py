@@ -198,6 +198,8 @@ class LearnedSkill:
         """Picks or places; which object was taken, and where it came to lie, is seen."""
         view, point_m = self.view, self.view.point(stage)
         before = view.look(robot.spec)
+        if stage.skill == "place":
+            view.see_held(before)
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)

@@ -86,7 +86,7 @@ class TaskView:
         self._moving: int | None = None
         self._hand_m: Array | None = None
         self._reached_m: Array | None = None
-        self._held_in_ee_m = np.zeros(3)
+        self._held_in_ee_m, self._slid = np.zeros(3), False
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes the observation of a row; called at every step.
@@ -114,6 +114,8 @@ class TaskView:
         """
         self._moving, self._hand_m = stage.articulation, None
         self._reached_m = self.point(stage) if stage.skill == "pick" else None
+        if stage.skill == "pick":
+            self._slid = stage.drawer is not None
         self.felt.begin(stage)
 
     def end(self, stage: Stage, ended: bool) -> None:
@@ -127,6 +129,16 @@ class TaskView:
         """Looks with the head camera."""
         return Look.take(robot, self._obs, self._row, self.arm_qpos)
 
+    def see_held(self, look: Look) -> None:
+        """Notes where an object from a drawer is in the hand: it may have slid in there."""
+        ee_m = self._felt("ee_position").astype(float)
+        found_m = look.held_m(ee_m)
+        if found_m is None or not self._slid:
+            return
+        in_ee_m = self._ee_axes @ (_outward(found_m) - ee_m)
+        self._held_in_ee_m = in_ee_m
+        self.felt.hold(self._to_frame(_outward(found_m)) - self._to_frame(ee_m))
+
     def see_placed(self, robot: RobotSpec, number: int, before: Look) -> Array | None:
         """Notes where an object has come to lie since a look; that may be beside its goal.
 
@@ -136,9 +148,7 @@ class TaskView:
         found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
         if found_m is None or self.felt.held == number:
             return None
-        outward = found_m[:2] / np.linalg.norm(found_m[:2])
-        middle = np.append(found_m[:2] + NEARER_M * outward, found_m[2])
-        self.felt.places_m[number] = self._to_frame(middle)
+        self.felt.places_m[number] = self._to_frame(_outward(found_m))
         return found_m
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
@@ -235,16 +245,17 @@ class TaskView:
             return None
         return float(np.linalg.norm(now[articulation] - first[articulation]))
 
-    def entries(self, stage: Stage, point_m: Array) -> Entries:
+    def entries(self, stage: Stage, point_m: Array, aims: bool = True) -> Entries:
         """Returns the entries that the skill's environment could observe.
 
         Args:
             stage: The stage.
             point_m: (3,) its `point` when it began.
+            aims: Whether Place may observe its goal from the held object.
         """
         ee_m, axes = self._felt("ee_position"), self._ee_axes
         point = self._in_base(point_m)
-        if self._aims_object and stage.skill == "place":
+        if self._aims_object and aims and stage.skill == "place":
             point = point - axes.T @ self._held_in_ee_m
         agent = self._obs["agent"]
         found: Entries = {
@@ -350,6 +361,12 @@ class TaskView:
         """Maps a point (3,) from the resting frame to the base frame; the height is kept."""
         x, y, yaw = self._base
         return np.append((point_m[:2] - np.array((x, y))) @ _turn(yaw), point_m[2])
+
+
+def _outward(seen_m: Array) -> Array:
+    """Returns the middle (3,) of an object from that of what is seen of it, in the base frame."""
+    outward = seen_m[:2] / np.linalg.norm(seen_m[:2])
+    return np.append(seen_m[:2] + NEARER_M * outward, seen_m[2])
 
 
 def _row(value: Any, row: int) -> Array:

@@ -198,8 +198,8 @@ class SeenScene:
         return box.seen and box.support_m is not None
 
     def ee_from_held(self) -> Array:
-        """Returns the hand's own position: the held object is assumed to be there."""
-        return np.zeros(3)
+        """Returns the middle (3,) of what is seen in the hand; its own position if nothing is."""
+        return np.zeros(3) if self._hand is None else self._hand.ee_from_box[:3, 3]
 
     def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""

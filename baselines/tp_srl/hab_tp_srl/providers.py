@@ -190,6 +190,7 @@ class LearnedSkill:
         view.see_front(before, number)
         failure = yield from self._act(robot, stage, ending, view.point(stage))
         if not closes:
+            view.see_opened(view.look(robot.spec), number)
             return failure
         closed = view.see_closed(view.look(robot.spec), number)
         return None if closed else failure or Failure.EXECUTION

@@ -80,16 +80,17 @@ class Look:
         """Surfaces (P, 3) in the base frame, other than the robot's."""
         return self.points_m[np.isfinite(self.depth_m) & ~self.own]
 
-    def behind_m(self, points_m: Array) -> Array:
-        """Returns how far (V,) behind points (P, 3) the surfaces are that are seen through them.
+    def behind_m(self, points_m: Array) -> tuple[NDArray[np.int64], Array]:
+        """Returns which of points (P, 3) are in view, and how far (V,) behind these one sees.
 
-        Points out of view or hidden by the robot are left out.
+        Points that the robot hides are not in view.
         """
         world_from_base = invert_pose(self.base_from_world)
         in_world_m = points_m @ world_from_base[:3, :3].T + world_from_base[:3, 3]
-        _, pixels, depths_m = self.view.project(in_world_m)
+        which, pixels, depths_m = self.view.project(in_world_m)
         pixels = tuple(pixels.T)
-        return (self.depth_m[pixels] - depths_m)[~self.own[pixels]]
+        seen = ~self.own[pixels]
+        return which[seen], (self.depth_m[pixels] - depths_m)[seen]
 
     def appeared(self, before: Look, near_m: Array, hidden: bool = False) -> list[Array]:
         """Returns what has appeared around a point (3,) since a look, as clouds (P, 3).

@@ -39,7 +39,7 @@ class Stillness:
     """How long an arm has stood still.
 
     Attributes:
-        arm_rad: (7,) the joints in the last step.
+        arm_rad: (J,) the joints in the last step.
         still_steps: Number of steps since they moved, or since actions were last drawn for it.
         draws_left: Number of actions still to be drawn.
     """
@@ -52,7 +52,7 @@ class Stillness:
         """Whether the action of this step is drawn; to be called in every step.
 
         Args:
-            arm_rad: (7,) the joints.
+            arm_rad: (J,) the joints.
         """
         before, self.arm_rad = self.arm_rad, arm_rad.copy()
         moves = before is None or np.abs(arm_rad - before).max() > MOTION_RAD

@@ -58,7 +58,7 @@ class Look:
 
     @classmethod
     def take(cls, robot: RobotSpec, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
-        """Looks, with the arm at joint positions (7,) [rad]."""
+        """Looks, with the arm at joint positions (J,) [rad]."""
         images = of_rows(obs, [row])
         view = DepthView.read(images, "head", 0)
         base_from_world = invert_pose(world_from_base(robot, images, 0))

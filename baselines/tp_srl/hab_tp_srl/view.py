@@ -214,7 +214,7 @@ class TaskView:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self._felt("arm_qpos").astype(float)
 
     def point(self, stage: Stage) -> Array:

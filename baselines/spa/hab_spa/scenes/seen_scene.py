@@ -130,7 +130,7 @@ class SeenScene:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self._arm_rad
 
     @property
@@ -260,7 +260,7 @@ class SeenScene:
         """Returns None: the extent of the object is known only after the grasp."""
 
     def in_the_way(self, path: Array) -> bool:
-        """Looks every `watch_steps` and returns whether an arm path (K, 7) is no longer free.
+        """Looks every `watch_steps` and returns whether an arm path (K, J) is no longer free.
 
         Only voxels seen since the path was planned are checked. A door or drawer held by the hand
         is left out.
@@ -278,7 +278,7 @@ class SeenScene:
         return any(self._meets(pose, new_m) for pose in path) if len(new_m) else False
 
     def met(self, path: Array) -> None:
-        """Adds an obstacle to the map after contact during a motion to arm poses (K, 7).
+        """Adds an obstacle to the map after contact during a motion to arm poses (K, J).
 
         It is in the volume of the arm at these poses, outside its current volume, and unseen.
         """
@@ -295,7 +295,7 @@ class SeenScene:
         self.map.add_contacts(np.concatenate(found))
 
     def _meets(self, pose: Array, points_m: Array) -> bool:
-        """Whether the arm in a pose (7,), or the held object, contains any of the points (K, 3)."""
+        """Whether the arm in a pose (J,), or the held object, contains any of the points (K, 3)."""
         if self._own.contain(points_m, self._own.poses(self.world_from_base, pose), 0.0).any():
             return True
         if self._hand is None:

@@ -96,8 +96,8 @@ FROM_SENSORS = {
     "skills": "depth",
     "navigation": "learned",
     "aim": "object",
-    "pick": "spa+pick_depth",
-    "place": "spa+place_depth",
+    "pick": "spa+pick_fridge+pick_depth",
+    "place": "spa+place_fridge+place_depth",
     "retries": "3",
     "replan": "5",
 }

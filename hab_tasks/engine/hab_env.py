@@ -16,7 +16,7 @@ from gymnasium.envs.registration import EnvSpec
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
-from hab_tasks.agent import TargetFrame
+from hab_tasks.agent import TargetFrame, Targets
 from hab_tasks.arrays import Floats, of_row, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
@@ -31,6 +31,7 @@ from hab_tasks.engine.rules import Rules
 from hab_tasks.episodes.schema import Episode, EpisodeRequest
 from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
+from hab_tasks.instructions import FIXED, Words
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots.control_modes import nearest_mode
@@ -66,6 +67,9 @@ class HabEnv(ObservingEnv):
             only.
         handle_position: True adds the position of the door's or drawer's handle, along the axes
             of the base; for environments with a door or drawer.
+        targets: ``language`` leaves out every position of an object, goal, handle or receptacle.
+        instructions: ``fixed``, or ``varied``: synonyms and paraphrases drawn per episode, some of
+            which are held out for ``test``.
         skill_config: Overrides of reward weights and thresholds by name, e.g.
             ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
             with the skill: ``pick.weights.force``.
@@ -111,6 +115,8 @@ class HabEnv(ObservingEnv):
         proprioception: bool = True,
         target_frame: TargetFrame = "base",
         handle_position: bool = False,
+        targets: Targets = "positions",
+        instructions: str = "fixed",
         skill_config: Mapping[str, float] | None = None,
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
@@ -120,7 +126,8 @@ class HabEnv(ObservingEnv):
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
-        self._set_entries(proprioception, target_frame, handle_position, depth)
+        self._set_entries(proprioception, target_frame, handle_position, targets, depth)
+        self._set_wording(instructions)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))
@@ -153,7 +160,7 @@ class HabEnv(ObservingEnv):
 
     @classmethod
     @abstractmethod
-    def instruct(cls, episode: Episode) -> str:
+    def instruct(cls, episode: Episode, words: Words = FIXED) -> str:
         """Returns the instruction of an episode in words."""
 
     @classmethod
@@ -164,7 +171,12 @@ class HabEnv(ObservingEnv):
     @property
     def instruction(self) -> list[str]:
         """Instruction of the episode in words, one; also in `info` of a reset."""
-        return [self.instruct(self._simulation.episode)]
+        return [self.instruct(self._simulation.episode, self.words)]
+
+    @property
+    def stage_instruction(self) -> list[str]:
+        """Instruction of the current stage, one; a skill has a single stage."""
+        return self.instruction
 
     @abstractmethod
     def configure(self, changes: Mapping[str, float]) -> None:

@@ -74,6 +74,9 @@ class EpisodeOptions:
     ] = ()
     """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
 
+    instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
+    """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
+
     def config_of(
         self, episodes: int, step_timeout_s: float | None = None, *, isolated: bool = False
     ) -> EvalConfig:
@@ -100,6 +103,7 @@ class EpisodeOptions:
             skill_config=parse_numbers(self.skill_config),
             step_timeout_s=step_timeout_s,
             isolated=isolated,
+            instructions=self.instructions,
         )
 
 

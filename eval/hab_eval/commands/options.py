@@ -25,6 +25,13 @@ On a Ray cluster (pip install 'ray>=2.30'), from one of its nodes:
 
 Episodes of a node that dies are played again on the others."""
 
+SERVE_HELP = """Serves an agent as a policy server (pip install 'hab-eval[remote]').
+
+Example:
+  hab-eval serve --agent hab_ppo:pick_blind --env HabPick-v1 --protocol openpi --port 8000
+  hab-eval run --agent hab_eval:remote --env HabPick-v1 --option address=ws://127.0.0.1:8000 \\
+    --option protocol=openpi --out runs/remote"""
+
 BENCH_HELP = """Benchmarks speed and memory against ManiSkill's own scene environment.
 
 Example:
@@ -143,6 +150,33 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     def advice(self) -> str:
         """Returns how to continue an interrupted run."""
         return f"Finished episodes are kept in {self.out}; continue with --resume."
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeCommand(Command):
+    """Options of `hab-eval serve`."""
+
+    help: ClassVar[str] = SERVE_HELP
+    work: ClassVar[str] = "hab_eval.commands.serve:run"
+
+    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
+    """Factory of the agent, e.g. hab_ppo:pick_blind."""
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all."""
+    protocol: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """openpi or vla-eval."""
+    port: Annotated[int, tyro.conf.arg(metavar="N")] = 8000
+    """Port; 0 picks a free one."""
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Interface to listen on; any but the loopback interface needs a token in HAB_REMOTE_TOKEN."""
+    option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An agent option; can be repeated."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the run, as for `hab-eval run`."""
+    device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
+    """Device of the agent's networks, e.g. cuda."""
 
 
 @dataclass(frozen=True, kw_only=True)

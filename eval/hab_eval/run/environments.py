@@ -91,7 +91,7 @@ def request_of(config: EvalConfig) -> hab_tasks.EpisodeRequest:
 
 
 def make_env(
-    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 1
+    config: EvalConfig, spec: AgentSpec, *, split: str | None, render: bool, num_episodes: int = 1
 ) -> gymnasium.Env[Any, Any]:
     """Creates the environment for an agent's spec, with `num_episodes` episodes by index.
 

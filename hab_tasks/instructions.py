@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from hab_tasks.episodes.schema import Episode, Rearrangement, ReceptacleRef, template_of
+from hab_tasks.errors import UnknownNameError
 from hab_tasks.receptacles import PHRASES
 from hab_tasks.task_spec import TaskSpec, interactions
 
@@ -145,6 +146,13 @@ class Words:
 
 
 FIXED = Words()
+
+
+def check_wording(instructions: str) -> str:
+    """Returns a value of the option `instructions`; raises UnknownNameError for others."""
+    if instructions not in WORDINGS:
+        raise UnknownNameError("instructions", instructions, WORDINGS)
+    return instructions
 
 
 def object_words(handle: str) -> str:

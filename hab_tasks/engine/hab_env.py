@@ -65,18 +65,15 @@ class HabEnv(ObservingEnv):
             the axes of the base, as in ``ee`` actions (Navigate: the point in the base frame);
             ``ee``: the target in the end-effector's frame, as in Habitat. Tasks support ``base``
             only.
-        handle_position: True adds the position of the door's or drawer's handle, along the axes
-            of the base; for environments with a door or drawer.
+        handle_position: True adds the door's or drawer's handle, along the axes of the base.
         targets: ``language`` leaves out every position of an object, goal, handle or receptacle.
-        instructions: ``fixed``, or ``varied``: synonyms and paraphrases drawn per episode, some of
-            which are held out for ``test``.
+        instructions: ``fixed`` or ``varied`` (`hab_tasks.instructions`).
         skill_config: Overrides of reward weights and thresholds by name, e.g.
             ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
             with the skill: ``pick.weights.force``.
         sensor_noise: None, a `SensorNoise`, or a dict of its attributes (JSON-serialisable). The
             noise is seeded by the episode.
-        action_delay_steps: Delay of actions in steps (S F.5); until the first action is due, the
-            robot stands still and keeps its grasp.
+        action_delay_steps: Delay of actions in steps (S F.5); at first the robot stands still.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
             `auto` does so unless colour is observed. A `render_mode` needs a renderer in any case.
@@ -126,18 +123,24 @@ class HabEnv(ObservingEnv):
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
-        self._set_entries(proprioception, target_frame, handle_position, targets, depth)
-        self._set_wording(instructions)
+        self._set_entries(
+            proprioception, target_frame, handle_position, targets, instructions, depth
+        )
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
-        request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
-        options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
-        self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
-        Rows([self._simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        options = num_episodes, prefetch, action_delay_steps, sensor_noise
+        self._simulation = self._simulated(where | of, *options)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
+
+    def _simulated(self, request: dict[str, Any], *options: Any) -> EpisodeSimulation:
+        """Returns the simulation of requested episodes."""
+        where = EpisodeRequest(**request, env_id=self.default_id(), robot=self.robot.uid)
+        simulation = EpisodeSimulation(self.robot, self.requirements, open_source(where), *options)
+        Rows([simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        return simulation
 
     @classmethod
     def known_mode(cls, control_mode: str | None) -> str:

@@ -19,7 +19,7 @@ from hab_tasks.engine.rows import read_entries
 from hab_tasks.engine.sensors import ObsEntry, observed, scale_depth
 from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Marks, Viewpoint
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.instructions import FIXED, WORDINGS, Words
+from hab_tasks.instructions import FIXED, Words, check_wording
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import sensor_shader
@@ -49,6 +49,7 @@ class ObservingEnv(BaseEnv):
     _simulation: EpisodeSimulation
     _viewpoint: Viewpoint
     _hides_arm: bool
+    _wording: str
     _images_on_demand = False
     _source: ImageSource
     _rays: RaySensors | None
@@ -70,9 +71,11 @@ class ObservingEnv(BaseEnv):
         target_frame: str,
         handle_position: bool,
         targets: str,
+        instructions: str,
         depth: str,
     ) -> None:
-        """Selects the entries of the state observation, and the unit of depth images."""
+        """Selects state entries, the wording of instructions, and the unit of depth images."""
+        self._wording = check_wording(instructions)
         if depth not in DEPTH_UNITS:
             raise UnknownNameError("depth", depth, DEPTH_UNITS)
         self._scales_depth = depth == "m"
@@ -82,12 +85,6 @@ class ObservingEnv(BaseEnv):
         entries = observed(self.observation, self.handle, self.robot, *options)
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]
-
-    def _set_wording(self, instructions: str) -> None:
-        """Stores the option `instructions`."""
-        if instructions not in WORDINGS:
-            raise UnknownNameError("instructions", instructions, WORDINGS)
-        self._wording = instructions
 
     def _set_backend(self, backend: str, options: dict[str, Any]) -> str:
         """Stores and returns ManiSkill's render_backend, chosen by ours and ManiSkill's options."""

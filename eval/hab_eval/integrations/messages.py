@@ -24,9 +24,6 @@ from hab_tasks.errors import OptionError, shown
 PROMPT = {"openpi": "prompt", "vla-eval": "task_description"}
 """Protocol -> key of the instruction."""
 
-GROUPS = {"rgb": "images"}
-"""Texture -> its group in a message, where it has another name."""
-
 SPEC_FIELDS = (
     *("control_mode", "obs_mode", "target_frame", "handle_position", "targets", "instruction"),
     *("cameras", "camera_size_px", "camera_hfov_rad"),
@@ -44,13 +41,18 @@ def to_message(obs: Any, prompt: str) -> dict[str, Any]:
         message["state"] = np.concatenate([_row(entry).reshape(-1) for entry in entries])
     for camera, textures in obs.get("sensor_data", {}).items():
         for texture, image in textures.items():
-            message.setdefault(GROUPS.get(texture, texture), {})[camera] = _row(image)
+            message.setdefault(_group(texture), {})[camera] = _row(image)
     for camera, matrices in obs.get("sensor_param", {}).items():
         known = {name: _row(matrix) for name, matrix in matrices.items()}
         message.setdefault("camera", {})[camera] = known
     if "instruction" in obs:
         message[prompt] = obs["instruction"][0]
     return message
+
+
+def _group(texture: str) -> str:
+    """Returns the group of a texture's images in a message."""
+    return "images" if texture == "rgb" else texture
 
 
 def _row(value: Any) -> np.ndarray:
@@ -104,7 +106,7 @@ class MessageReader:
         cameras: Any = self._space["sensor_data"]  # type: ignore[index]
         return {
             camera: {
-                texture: _tensor(message, (GROUPS.get(texture, texture), camera), space)
+                texture: _tensor(message, (_group(texture), camera), space)
                 for texture, space in textures.items()
             }
             for camera, textures in cameras.items()

@@ -56,7 +56,9 @@ def pack(value: Any, protocol: str, images: str = "raw") -> bytes:
             return _png(item)
         return _array_map(item, protocol)
 
-    return msgpack.packb(value, default=encoded)
+    packed = msgpack.packb(value, default=encoded)
+    assert packed is not None
+    return packed
 
 
 def unpack(message: str | bytes) -> Any:

@@ -85,6 +85,7 @@ class Link:
         self._address, self._protocol, self._timeout_s = address, protocol, timeout_s
         self._images, self._seq, self._episode = images, 0, {}
         self._connection: ClientConnection | None = None
+        self._closing = contextlib.ExitStack()
         self.about = self._connect()
 
     def start(self, seed: int, env: str) -> None:
@@ -139,13 +140,12 @@ class Link:
 
     def _connect(self) -> dict[str, Any]:
         """Connects; returns what the server tells of itself."""
-        if self._connection is not None:
-            with contextlib.suppress(Exception):
-                self._connection.close()
+        with contextlib.suppress(Exception):
+            self._closing.close()
         token = os.environ.get(TOKEN_VARIABLE)
         headers = {"Authorization": f"Api-Key {token}"} if token else None
         with self._failures():
-            self._connection = connect(
+            opening = connect(
                 self._address,
                 additional_headers=headers,
                 compression=None,
@@ -155,6 +155,7 @@ class Link:
                 ping_interval=None,  # a policy may hold its interpreter for long
                 proxy=None,
             )
+            self._connection = self._closing.enter_context(opening)
             if self._protocol == "openpi":
                 about = unpack(self._received())
             else:

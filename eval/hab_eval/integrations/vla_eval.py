@@ -11,8 +11,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
-from vla_eval.benchmarks.base import StepBenchmark, StepResult
-from vla_eval.specs import IMAGE_RGB, LANGUAGE, DimSpec
+from vla_eval.benchmarks.base import (  # pyright: ignore[reportMissingImports]
+    StepBenchmark,
+    StepResult,
+)
+from vla_eval.specs import (  # pyright: ignore[reportMissingImports]
+    IMAGE_RGB,
+    LANGUAGE,
+    DimSpec,
+)
 
 from hab_eval.integrations.messages import PROMPT, to_message
 from hab_eval.records.config import EMBEDDED_DATASET, MOST_EPISODES, EvalConfig
@@ -115,7 +122,8 @@ class HabBenchmark(StepBenchmark):
         chunk = chunk[None] if chunk.ndim == 1 else chunk
         if chunk.ndim != 2 or not len(chunk):
             raise ActionError(f"Actions of shape {list(chunk.shape)}; (A,) or (C, A) is valid.")
-        obs, info, over, total = None, {}, False, 0.0
+        obs: Any = None
+        info, over, total = {}, False, 0.0
         for one in torch.from_numpy(chunk).split(1):
             obs, reward, terminated, truncated, info = env.step(one)
             total += float(reward)

@@ -123,9 +123,7 @@ class HabEnv(ObservingEnv):
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
-        self._set_entries(
-            proprioception, target_frame, handle_position, targets, instructions, depth
-        )
+        self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))

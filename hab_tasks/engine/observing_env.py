@@ -65,7 +65,7 @@ class ObservingEnv(BaseEnv):
         )
         self._hides_arm = flag("invisible_arm", invisible_arm)
 
-    def _set_entries(
+    def _set_told(
         self,
         proprioception: bool,
         target_frame: str,

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import torch
 from hab_eval.cli import main
-from hab_eval.integrations.protocols import PROTOCOLS, RemoteError, pack, unpack
+from hab_eval.integrations.protocols import PROTOCOLS, pack, unpack
 from hab_eval.integrations.remote import RemoteAgent
 from hab_eval.integrations.server import PolicyServer, ServeOptions
 from hab_eval.records.results import read_record
@@ -23,18 +23,19 @@ from stub_runs import results_of
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from hab_tasks import AgentReport, agent_setup
+from hab_tasks import AgentReport, AgentSpec, agent_setup
 
 ROOT = Path(__file__).resolve().parents[2]
 PICK = ("--env", "HabPick-v1", "--seed", 1)
+LOCAL = ("run", "--agent", "hab_eval:straight_line", *PICK)
 REMOTE = ("run", "--agent", "hab_eval:remote", *PICK)
 
 
 @contextlib.contextmanager
-def served(protocol, agent="hab_eval:straight_line", **options):
+def served(protocol):
     """A server in this process, on a free port."""
-    options = {"env": "HabPick-v1", "port": 0, "seed": 1, **options}
-    server = PolicyServer(ServeOptions(agent=agent, protocol=protocol, **options))
+    options = {"agent": "hab_eval:straight_line", "env": "HabPick-v1", "port": 0, "seed": 1}
+    server = PolicyServer(ServeOptions(protocol=protocol, **options))
     thread = threading.Thread(target=server.run)
     thread.start()
     try:
@@ -44,19 +45,21 @@ def served(protocol, agent="hab_eval:straight_line", **options):
         thread.join()
 
 
-def remote(server, protocol, *more):
-    return ("--option", f"address={server.address}", "--option", f"protocol={protocol}", *more)
+def remote(server, protocol):
+    return ("--option", f"address={server.address}", "--option", f"protocol={protocol}")
 
 
-def test_a_remote_agent_acts_as_in_the_same_process(tmp_path, monkeypatch):
-    monkeypatch.setattr(StraightAgent, "report", lambda self: [AgentReport(doing="go")])
-    episodes = ("--episodes", 2)
-    agent = ("run", "--agent", "hab_eval:straight_line", *PICK, *episodes)
-    assert main([*map(str, (*agent, "--out", tmp_path / "local"))]) == 0
+def tensors(arrays):
+    return {name: torch.as_tensor(array)[None] for name, array in arrays.items()}
+
+
+def test_a_remote_agent_acts_as_in_the_same_process(tmp_path):
+    local = (*LOCAL, "--episodes", 2, "--out", tmp_path / "local")
+    assert main([*map(str, local)]) == 0
     for protocol in PROTOCOLS:
         out = tmp_path / protocol
         with served(protocol) as server:
-            told = (*REMOTE, *episodes, *remote(server, protocol), "--out", out)
+            told = (*REMOTE, "--episodes", 2, *remote(server, protocol), "--out", out)
             assert main([*map(str, told)]) == 0
         assert results_of(out) == results_of(tmp_path / "local")
         record = read_record(out / "run.json")
@@ -69,8 +72,9 @@ class Looking:
     """Acts by what it sees and is told; in its fourth step, it says so or fails."""
 
     def __init__(self, setup):
-        self.spec = agent_spec()
-        self.steps = 0
+        asked = {"obs_mode": "rgb+depth", "targets": "language", "instruction": "stage"}
+        asked |= {"cameras": ("head",), "camera_size_px": 32}
+        self.spec = AgentSpec(name="Looking", control_mode="ee", **asked)
 
     def reset(self, mask, seeds):
         self.steps, self.seed = 0, seeds[0]
@@ -88,20 +92,6 @@ class Looking:
         return [AgentReport(failure="lost" if self.steps == 3 else None)]
 
 
-def agent_spec():
-    from hab_tasks.agent import AgentSpec
-
-    return AgentSpec(
-        name="Looking",
-        control_mode="ee",
-        obs_mode="rgb+depth",
-        targets="language",
-        instruction="stage",
-        cameras=("head",),
-        camera_size_px=32,
-    )
-
-
 @pytest.mark.parametrize(("protocol", "images"), [("openpi", "raw"), ("vla-eval", "png")])
 def test_images_and_instructions_arrive_unchanged(protocol, images, monkeypatch):
     monkeypatch.setattr("hab_eval.straight_line", Looking, raising=False)
@@ -112,9 +102,8 @@ def test_images_and_instructions_arrive_unchanged(protocol, images, monkeypatch)
         space = agent_setup("HabPick-v1").spaces(agent.spec).observation
         space.seed(0)
         drawn = space.sample()
-        obs = {g: {n: torch.as_tensor(x)[None] for n, x in drawn[g].items()} for g in ("agent",)}
-        head = drawn["sensor_data"]["head"]
-        obs["sensor_data"] = {"head": {n: torch.as_tensor(x)[None] for n, x in head.items()}}
+        head = tensors(drawn["sensor_data"]["head"])
+        obs = {"agent": tensors(drawn["agent"]), "sensor_data": {"head": head}}
         obs["instruction"] = ["Fetch."]
         agent.reset(torch.tensor([True]), [7])
         wanted = Looking(None)
@@ -125,14 +114,10 @@ def test_images_and_instructions_arrive_unchanged(protocol, images, monkeypatch)
         refused_by_call(lambda: agent.act(obs), "reports: ZeroDivisionError: the fourth step is")
         # The next episode begins with a new connection.
         agent.reset(torch.tensor([True]), [8])
-        small = {
-            **obs,
-            "sensor_data": {"head": {n: x[:, :8] for n, x in obs["sensor_data"]["head"].items()}},
-        }
         agent.act(obs)
-        refused_by_call(
-            lambda: agent.act(small), "'images/head'", "uint8 [8, 32, 3]", "[32, 32, 3]"
-        )
+        obs["sensor_data"]["head"] = {name: image[:, :8] for name, image in head.items()}
+        words = "'images/head'", "uint8 [8, 32, 3]", "[32, 32, 3]"
+        refused_by_call(lambda: agent.act(obs), *words)
     agent.reset(torch.tensor([True]), [9])
     agent._reconnect_s = 0.1
     refused_by_call(lambda: agent.act(obs), server.address, "cannot be reached")
@@ -169,19 +154,18 @@ BAD = {
 }
 
 
-def test_bad_options_are_refused(tmp_path, monkeypatch):
+def test_bad_options_are_refused(tmp_path):
     def check(case):
         pairs, *words = case
         options = [word for pair in pairs for word in ("--option", pair)]
         refused_by_command(main, (*REMOTE, *options, "--out", tmp_path / "x"), *words)
 
     check_each(BAD, check)
-    serve = ("serve", "--agent", "hab_eval:straight_line", "--env", "HabPick-v1", "--protocol")
+    serve = ("serve", "--env", "HabPick-v1", "--agent", "hab_spa:spa_priv", "--protocol")
     refused_by_command(main, (*serve, "grpc"), "'grpc'", "openpi, vla-eval")
     refused_by_command(main, (*serve, "openpi", "--port", 70000), "port is 70000")
     refused_by_command(main, (*serve, "openpi", "--host", "0.0.0.0"), "HAB_REMOTE_TOKEN")
-    private = ("serve", "--agent", "hab_spa:spa_priv", "--env", "HabPick-v1", "--protocol")
-    refused_by_command(main, (*private, "openpi"), "hab_spa:spa_priv reads the true state")
+    refused_by_command(main, (*serve, "openpi"), "hab_spa:spa_priv reads the true state")
 
 
 def test_a_server_asks_for_its_token_and_for_its_environment(monkeypatch):
@@ -196,8 +180,7 @@ def test_a_server_asks_for_its_token_and_for_its_environment(monkeypatch):
         with pytest.raises(InvalidStatus), connect(server.address, compression=None):
             pass
         monkeypatch.setenv("HAB_REMOTE_TOKEN", "other")
-        pick = agent_setup("HabPick-v1", options=options)
-        refused_by_call(lambda: RemoteAgent(pick), "HTTP status 401", "HAB_REMOTE_TOKEN")
+        refused_by_call(lambda: RemoteAgent(place), "HTTP status 401", "HAB_REMOTE_TOKEN")
 
 
 def test_only_plain_numbers_of_the_stated_size_are_decoded():
@@ -223,20 +206,17 @@ def test_only_plain_numbers_of_the_stated_size_are_decoded():
     check_each(
         {"text": "no", "bytes": b"\xc1"}, lambda c: refused_by_call(lambda: unpack(c), "decoded")
     )
-    with pytest.raises(RemoteError):
-        unpack(msgpack.packb({b"__ndarray__": True, b"data": b"", b"dtype": 5, b"shape": []}))
 
 
 def environment_of(folder, *packages, beside=True):
     """Makes a Python of its own with `packages`; `beside` those of this one."""
     subprocess.run([sys.executable, "-m", "venv", folder], check=True)
     python = folder / "bin" / "python"
+    install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages]
     if beside:
         (found,) = folder.glob("lib/*/site-packages")
         own = next(path for path in sys.path if path.endswith("site-packages"))
         (found / "own.pth").write_text(f"import site; site.addsitedir({own!r})\n")
-    install = [python, "-m", "pip", "install", "-q", "--disable-pip-version-check", *packages]
-    if beside:
         install += ["-c", ROOT / "constraints.txt"]
     if subprocess.run(install, capture_output=True).returncode:
         pytest.skip(f"{packages} cannot be installed here")
@@ -271,11 +251,8 @@ def test_openpi_client_is_served(tmp_path):
         command = [python, "-c", CLIENT, server.address, tmp_path / "states.npy"]
         done = subprocess.run(command, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    wanted = [
-        agent.act({g: {n: torch.as_tensor(x)[None] for n, x in d[g].items()} for g in d})[0]
-        for d in drawn
-    ]
-    assert json.loads(done.stdout) == [one.tolist() for one in wanted]
+    wanted = [agent.act({group: tensors(d[group]) for group in d})[0].tolist() for d in drawn]
+    assert json.loads(done.stdout) == wanted
 
 
 POLICY = """
@@ -328,8 +305,7 @@ def test_vla_eval_runs_the_benchmark(tmp_path, free_tcp_port):
         assert "Spec mismatch" not in done.stderr
         return [one["metrics"] for one in task["episodes"]]
 
-    out = ("--episodes", 3, "--out", tmp_path / "local")
-    assert main([*map(str, ("run", "--agent", "hab_eval:straight_line", *PICK, *out))]) == 0
+    assert main([*map(str, (*LOCAL, "--episodes", 3, "--out", tmp_path / "local"))]) == 0
     local = results_of(tmp_path / "local")
     with served("vla-eval") as server:
         found = harness(server.address)

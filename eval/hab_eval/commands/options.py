@@ -121,6 +121,9 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     help: ClassVar[str] = RUN_HELP
     work: ClassVar[str] = "hab_eval.commands.run:run"
 
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all. `tasks` evaluates in all tasks,
+    each in a folder of DIR."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Output folder for run.json, episodes.jsonl, config.json and videos."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50

@@ -81,11 +81,13 @@ class EpisodeOptions:
     ] = ()
     """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
 
-    instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
-    """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
-
     def config_of(
-        self, episodes: int, step_timeout_s: float | None = None, *, isolated: bool = False
+        self,
+        episodes: int,
+        step_timeout_s: float | None = None,
+        *,
+        isolated: bool = False,
+        instructions: str = "fixed",
     ) -> EvalConfig:
         """Returns the evaluation's configuration.
 
@@ -93,6 +95,7 @@ class EpisodeOptions:
             episodes: Number of episodes.
             step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
             isolated: Whether the agent runs in processes of its own.
+            instructions: Wording of the instructions, ``fixed`` or ``varied``.
 
         Raises:
             HabError: An agent option is not NAME=VALUE, or a value is out of range.
@@ -110,7 +113,7 @@ class EpisodeOptions:
             skill_config=parse_numbers(self.skill_config),
             step_timeout_s=step_timeout_s,
             isolated=isolated,
-            instructions=self.instructions,
+            instructions=instructions,
         )
 
 
@@ -138,6 +141,8 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     isolated: bool = False
     """Run the agent in a process without environment, which knows neither the seed nor the
     episodes; the leaderboard says so. Outcomes stay the same."""
+    instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
+    """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0

@@ -56,7 +56,12 @@ def run_one(options: RunCommand) -> int:
         verbose=options.verbose,
         write_line=lambda line: print(line, flush=True),
     )
-    config = options.config_of(options.episodes, options.step_timeout, isolated=options.isolated)
+    config = options.config_of(
+        options.episodes,
+        options.step_timeout,
+        isolated=options.isolated,
+        instructions=options.instructions,
+    )
     record = evaluate(config, run_options, reporter)
     show(result_table(record))
     print(f"wrote {options.out / 'run.json'}")

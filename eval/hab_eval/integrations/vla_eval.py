@@ -99,9 +99,16 @@ class HabBenchmark(StepBenchmark):
         self._view = AgentView(AgentSpec(control_mode="", **self._spec))
 
     def get_tasks(self) -> list[dict[str, Any]]:
-        """Returns the environments."""
-        suites = {True: "skills", False: "tasks"}
-        return [{"name": n, "suite": suites[hasattr(ENVS[n].env, "skill")]} for n in self._tasks]
+        """Returns the environments; the harness sends control mode and size to the server."""
+        return [
+            {
+                "name": name,
+                "suite": "skills" if hasattr(ENVS[name].env, "skill") else "tasks",
+                "control_mode": self._mode(name),
+                "action_size": environments.action_size(self._mode(name)),
+            }
+            for name in self._tasks
+        ]
 
     def reset(self, task: dict[str, Any]) -> Any:
         """Starts the episode ``task["episode_idx"]`` of the environment ``task["name"]``."""

@@ -43,14 +43,12 @@ class Look:
     """A look with the head camera.
 
     Attributes:
-        depth_m: (H, W) distance along the camera's axis; infinite beyond the range.
         points_m: (H, W, 3) surfaces in the base frame; NaN beyond the range.
         own: (H, W) whether a pixel shows the robot.
         view: The image, in the world of the camera's pose.
         base_from_world: (4, 4) from that world.
     """
 
-    depth_m: Array
     points_m: Array
     own: NDArray[np.bool_]
     view: DepthView
@@ -67,13 +65,12 @@ class Look:
         shapes = own_shapes(robot)
         own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
         own = np.array(ndimage.binary_dilation(own, iterations=OWN_PX), dtype=bool)
-        return cls(
-            depth_m=view.depth_m,
-            points_m=points_m,
-            own=own,
-            view=view,
-            base_from_world=base_from_world,
-        )
+        return cls(points_m=points_m, own=own, view=view, base_from_world=base_from_world)
+
+    @property
+    def depth_m(self) -> Array:
+        """(H, W) distance along the camera's axis; infinite beyond the range."""
+        return self.view.depth_m
 
     @property
     def surfaces_m(self) -> Array:

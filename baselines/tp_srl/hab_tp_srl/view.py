@@ -22,7 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import LEAST_SEEN, Fronts, changed, is_there
+from hab_tp_srl.fronts import Fronts, changed, is_there
 from hab_tp_srl.sight import Look, middle_m
 
 GONE_M = 0.09
@@ -187,7 +187,7 @@ class TaskView:
         One that is not in view is taken for open: it may be, and the way to close it leads there.
         """
         front_m = self._fronts.of(number)
-        if len(front_m) < LEAST_SEEN:  # it was never opened, or hardly seen: what was felt counts
+        if not len(front_m):  # what was felt counts
             return self.felt.openings[number] == "closed"
         closed = is_there(look, self._in_base(front_m))
         self.felt.openings[number] = "closed" if closed else "ajar"

@@ -192,7 +192,6 @@ def look(depth_m, own=None):
     )
     down = np.diag((1.0, -1.0, -1.0, 1.0))
     return Look(
-        depth_m=depth_m,
         points_m=view.points_m @ down[:3, :3],
         own=np.zeros(depth_m.shape, dtype=bool) if own is None else own,
         view=view,

@@ -150,6 +150,7 @@ class Link:
                 additional_headers=headers,
                 compression=None,
                 max_size=MOST_BYTES,
+                max_queue=1,  # messages in memory
                 open_timeout=self._timeout_s,
                 close_timeout=1.0,
                 ping_interval=None,  # a policy may hold its interpreter for long

@@ -146,6 +146,7 @@ class PolicyServer:
                 options.port,
                 compression=None,
                 max_size=MOST_BYTES,
+                max_queue=1,  # messages in memory
                 origins=[None],  # no pages of a browser
                 ping_interval=None,
                 process_request=self._checked_request,

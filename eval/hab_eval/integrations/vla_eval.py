@@ -105,7 +105,7 @@ class HabBenchmark(StepBenchmark):
                 "name": name,
                 "suite": "skills" if hasattr(ENVS[name].env, "skill") else "tasks",
                 "control_mode": self._mode(name),
-                "action_size": environments.action_size(self._mode(name)),
+                "action_size": environments.action_size(name, self._mode(name)),
             }
             for name in self._tasks
         ]
@@ -156,7 +156,7 @@ class HabBenchmark(StepBenchmark):
     def get_action_spec(self) -> dict[str, DimSpec]:
         """Returns the size and control mode of actions; docs/contract.md has their entries."""
         mode = self._mode(self._tasks[0])
-        size = environments.action_size(mode)
+        size = environments.action_size(self._tasks[0], mode)
         return {"actions": DimSpec("actions", size, f"hab_{mode}", (-1.0, 1.0))}
 
     def get_observation_spec(self) -> dict[str, DimSpec]:

@@ -15,10 +15,10 @@ is exact to a micrometre, but overestimates the distances of some hulls by a mil
 STEPS = 40
 """Maximum number of GJK iterations; most pairs need 2 to 6."""
 
-fast = njit(nogil=True, error_model="numpy", fastmath={"nnan", "ninf", "nsz", "reassoc"})
-called = njit(nogil=True, error_model="numpy")
+fast = njit(nogil=True, error_model="numpy", _nrt=False, fastmath={"nnan", "ninf", "nsz", "reassoc"})
+called = njit(nogil=True, error_model="numpy", _nrt=False)
 # Calls pass every array as many values, which costs more than the work on two distant shapes.
-inlined = njit(nogil=True, error_model="numpy", forceinline=True)
+inlined = njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)
 
 
 @fast

@@ -108,6 +108,16 @@ def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
     return dot(away, away)
 
 
+@inlined
+def _extent(local_m: Floats, i: int, v: Point) -> float:
+    """Returns how far a shape's bounding box reaches from its centre along a vector, times that."""
+    return 0.5 * (
+        (local_m[i, 3] - local_m[i, 0]) * abs(v[0])
+        + (local_m[i, 4] - local_m[i, 1]) * abs(v[1])
+        + (local_m[i, 5] - local_m[i, 2]) * abs(v[2])
+    )
+
+
 @called
 def _voxels(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: float) -> int:
     """Decides the pair of a moving shape and voxels, one after the other."""
@@ -159,6 +169,12 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
     gap2 = dot(away, away)
     if gap2 > reach_m * reach_m:
         return FREE
+    # From the box to the centre: a plane across it parts the box from most shapes.
+    x, y, z = out_of(placed, other, away[0], away[1], away[2])
+    v = (x - placed[other, 9], y - placed[other, 10], z - placed[other, 11])
+    beyond = gap2 - _extent(local_m, moving, turned(placed, moving, v[0], v[1], v[2]))
+    if beyond > 0.0 and beyond * beyond > gap2 * over_m * over_m:
+        return FREE
     # A sphere inside the moving shape, from its centre.
     inner_m = local_m[moving, 8] + radius_m + margin_m - CLOSER_M
     certain = margin_m >= 0.0 and inner_m > 0.0
@@ -170,17 +186,14 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
         return FREE
     if shapes.span[other, 2] == VOXELS:
         return _voxels(shapes, work, moving, other, margin_m)
-    v = to(there, here)
+    apart = to(there, here)
     # -1 m where no sphere is known within the other shape, which makes the sum negative.
     inner_m += max(local_m[other, 8], -1.0)
-    if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
+    if margin_m >= 0.0 and inner_m > 0.0 and dot(apart, apart) < inner_m * inner_m:
         return HIT
-    # GJK starts from any direction: that from the box parts most shapes at once.
-    if gap2 > 1e-12:
-        v = out_of(placed, other, away[0], away[1], away[2])
-        v = (v[0] - placed[other, 9], v[1] - placed[other, 10], v[2] - placed[other, 11])
-    elif dot(v, v) < 1e-12:
-        v = (1.0, 0.0, 0.0)
+    if gap2 < 1e-12:
+        # GJK starts from any direction, and equal centres give none.
+        v = apart if dot(apart, apart) >= 1e-12 else (1.0, 0.0, 0.0)
     return gjk(shapes, placed, moving, other, margin_m, v, work.w, work.weight)
 
 

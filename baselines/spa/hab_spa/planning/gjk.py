@@ -15,7 +15,10 @@ is exact to a micrometre, but overestimates the distances of some hulls by a mil
 STEPS = 40
 """Maximum number of GJK iterations; most pairs need 2 to 6."""
 
-fast = njit(nogil=True, error_model="numpy", _nrt=False, fastmath={"nnan", "ninf", "nsz", "reassoc"})
+# Without numba's counts of references, which take longer than the work: none of these allocates.
+fast = njit(
+    nogil=True, error_model="numpy", _nrt=False, fastmath={"nnan", "ninf", "nsz", "reassoc"}
+)
 called = njit(nogil=True, error_model="numpy", _nrt=False)
 # Calls pass every array as many values, which costs more than the work on two distant shapes.
 inlined = njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)

@@ -118,9 +118,7 @@ def _cast(
             _project(surfaces.vertices_m[:, first : first + count], pose, lens, corners)
             chosen = surfaces.faces[first_face : first_face + faces]
             if _depth(sphere, pose) - sphere[3] < lens.near_m:
-                _draw_clipped(
-                    chosen, corners, lens, two_sided, inverse_depth, actors, actor, shape
-                )
+                _draw_clipped(chosen, corners, lens, two_sided, inverse_depth, actors, actor, shape)
             else:
                 _draw(chosen, corners, two_sided, inverse_depth, actors, actor)
 

@@ -27,7 +27,8 @@ SHORT_ROW_PX = 4
 
 # Without numba's counts of references, which take longer than the work on a small triangle, as do
 # calls, which pass arrays as many values.
-_inlined = njit(nogil=True, error_model="numpy", forceinline=True, _nrt=False)
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_inlined = njit(**_OPTIONS, forceinline=True)
 
 
 class Surfaces(NamedTuple):
@@ -99,7 +100,7 @@ def cast(
     _cast(surfaces, instances, camera_from_body, lens, inverse_depth, actors, corners, shape)
 
 
-@njit(nogil=True, error_model="numpy", _nrt=False)
+@njit(**_OPTIONS)
 def _cast(
     surfaces: Any, instances: Any, poses: Any, lens: Any, inverse_depth: Any, actors: Any,
     corners: Any, shape: Any,

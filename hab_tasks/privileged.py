@@ -107,7 +107,7 @@ class PrivilegedState:
         world_from_body: Body name -> current (4, 4) pose. Loose objects that are not part of the
             episode are absent.
         world_from_base: (4, 4) pose of the base frame.
-        arm_qpos: (7,) [rad] in the order of the robot's `arm_joints`.
+        arm_qpos: (J,) [rad] in the order of the robot's `arm_joints`.
         locked_qpos: All other robot joints: name -> [m or rad].
         held: Body name of the grasped object, or None.
         object_com_m: Body name -> (3,) centre of mass in the world, for loose objects present.

@@ -145,7 +145,7 @@ class Replay:
         agent, sandbox = self.sandbox._agent, self.sandbox
         qpos = agent.rest_qpos()
         qpos[agent.base_index] = torch.tensor(self.episode.robot.base)
-        qpos[agent.arm_index] = torch.tensor(self.episode.robot.arm_qpos_rad)
+        qpos[agent.arm_index] = torch.tensor(self.episode.robot.arm_pose(FETCH)).float()
         agent.robot.set_qpos(qpos[None])
         agent.robot.set_qvel(torch.zeros_like(qpos)[None])
         sandbox._px.step()
@@ -174,7 +174,7 @@ class Replay:
     def ee_m(self):
         """The end-effector (3,) in the world; the base's frame is 5 mm above the floor."""
         x, y, yaw = self.episode.robot.base
-        ahead, side, up = ArmKinematics(FETCH).position(np.array(self.episode.robot.arm_qpos_rad))
+        ahead, side, up = ArmKinematics(FETCH).position(self.episode.robot.arm_pose(FETCH))
         c, s = math.cos(yaw), math.sin(yaw)
         return np.array([x + c * ahead - s * side, y + s * ahead + c * side, up + 0.005])
 

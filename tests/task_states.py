@@ -80,10 +80,8 @@ def skill_episode(env, env_id, stage):
     episode, state, bodies = base.episode[0], base.privileged()[0], base.simulation.scene_bodies
     poses = {n: sapien_object(bodies.movable[n]).pose for n in episode.objects}
     robot = state.world_from_base
-    start = RobotStart(
-        base=(float(robot[0, 3]), float(robot[1, 3]), float(np.arctan2(robot[1, 0], robot[0, 0]))),
-        arm_qpos_rad=tuple(state.arm_qpos.tolist()),
-    )
+    here = float(robot[0, 3]), float(robot[1, 3]), float(np.arctan2(robot[1, 0], robot[0, 0]))
+    start = RobotStart.of(base.robot, here, state.arm_qpos)
     target = episode.targets[stage.object]
     if stage.at == "start":
         target = Rearrangement(object=target.object, start=target.start)

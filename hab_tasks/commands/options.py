@@ -11,7 +11,6 @@ import tyro
 from hab_tasks.commands.keyboard import key_table
 from hab_tasks.io.console import Command
 from hab_tasks.io.executors import ExecutorChoice
-from hab_tasks.robots.fetch import FETCH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,8 +33,7 @@ class Demo(Command):
     help: ClassVar[str] = f"""Runs one episode in a window or video, and prints its measures.
 
 Without a display no window opens; --out still writes a video. Keys are read from the terminal. A
-held key keeps moving, slowly for half a second, then at full speed (the base at
-{FETCH.base_linear_speed_m_s:g} m/s):
+held key keeps moving, slowly for half a second, then at full speed:
 {key_table()}
 
 Example:

@@ -69,9 +69,9 @@ def _faults(
         yield ("handle", f"missing: the handle of the {requirements.articulations[0].name}")
     if requirements.names_navigation_goal and episode.navigation is None:
         yield "navigation", "missing: the navigation goal of the base"
-    joints = len(robot.arm_joints)
-    if len(episode.robot.arm_qpos_rad) != joints:
-        yield "robot.arm_qpos_rad", f"{len(episode.robot.arm_qpos_rad)} joints, expected {joints}"
+    if set(episode.robot.arm_qpos_rad) != set(robot.arm_joints):
+        found, expected = sorted(episode.robot.arm_qpos_rad), ", ".join(robot.arm_joints)
+        yield "robot.arm_qpos_rad", f"joints {', '.join(found)}, expected {expected}"
     if not 0 <= episode.seed <= LARGEST_SEED:
         yield "seed", f"{episode.seed} is not within 0 to 2^63 - 1"
     for field, values in _coordinates(episode):
@@ -83,7 +83,7 @@ def _faults(
 def _coordinates(episode: Episode) -> Iterator[tuple[str, Iterable[float]]]:
     """Yields each field with coordinates, and their values [m or rad]."""
     yield "robot.base", episode.robot.base
-    yield "robot.arm_qpos_rad", episode.robot.arm_qpos_rad
+    yield "robot.arm_qpos_rad", episode.robot.arm_qpos_rad.values()
     if episode.navigation is not None:
         yield "navigation.base", episode.navigation.base
     for kind, poses in (("objects", episode.objects), ("loose", episode.loose)):
@@ -224,7 +224,7 @@ def _apply_robot(episode: Episode, agent: MobileManipulator) -> None:
     # Torso, head and fingers are fixed, and not part of an episode.
     qpos = agent.rest_qpos()[None]
     qpos[0, agent.base_index] = torch.tensor(episode.robot.base, device=agent.device)
-    for name, value in zip(agent.spec.arm_joints, episode.robot.arm_qpos_rad, strict=True):
+    for name, value in episode.robot.arm_qpos_rad.items():
         qpos[0, agent.joint_index[name]] = value
     agent.robot.set_qpos(qpos)
     agent.robot.set_qvel(torch.zeros_like(qpos))

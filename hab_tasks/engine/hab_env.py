@@ -33,8 +33,8 @@ from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.control_modes import nearest_mode
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.spec import RobotSpec, agent_class, robot_of
 from hab_tasks.world.scenes.physics import sim_config
 
@@ -86,7 +86,7 @@ class HabEnv(ObservingEnv):
     horizon_steps: ClassVar[int]
     control_modes: ClassVar[tuple[str, ...]]
     reward_bound: ClassVar[float]
-    robot: RobotSpec = FETCH
+    robot: RobotSpec = DEFAULT_ROBOT
     score_names: ClassVar[tuple[str, ...]] = ()
     _unpaid: tuple[dict[str, Floats], dict[str, Tensor]] = ({}, {})
     _spec: EnvSpec | None = None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
@@ -17,7 +17,6 @@ from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.spec import RobotSpec
 
 Reader = Callable[[Snapshot, Measures, Goals], Floats]
@@ -52,6 +51,12 @@ class ObsEntry:
         return "agent" if self.proprioceptive else "extra"
 
 
+def of_robot(entries: Iterable[ObsEntry], robot: RobotSpec) -> tuple[ObsEntry, ...]:
+    """Returns entries with the shapes that follow from a robot."""
+    joints = (len(robot.arm_joints),)
+    return tuple(replace(e, shape=joints) if e.name == ARM_QPOS.name else e for e in entries)
+
+
 def observed(
     entries: Sequence[ObsEntry],
     handle: ObsEntry | None,
@@ -67,9 +72,7 @@ def observed(
         UnknownNameError: Unknown frame.
         OptionError: The environment does not support the option.
     """
-    # Classes and their docs have Fetch's entries; another robot has other joints.
-    arm = replace(ARM_QPOS, shape=(len(robot.arm_joints),))
-    chosen = tuple(arm if entry is ARM_QPOS else entry for entry in entries)
+    chosen = of_robot(entries, robot)
     if target_frame not in get_args(TargetFrame):
         raise UnknownNameError("target_frame", target_frame, get_args(TargetFrame))
     if target_frame == "ee":
@@ -128,7 +131,7 @@ def _is_holding(s: Snapshot, m: Measures, g: Goals) -> Floats:
 
 ARM_QPOS = ObsEntry(
     name="arm_qpos",
-    shape=(len(FETCH.arm_joints),),
+    shape=(),  # by robot: `of_robot`
     unit="rad",
     meaning="arm joints, shoulder to wrist",
     read=lambda s, m, g: s.arm_qpos_rad,

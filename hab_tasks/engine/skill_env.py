@@ -18,7 +18,7 @@ from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.measures import MEANINGS, Measures
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules, StepResult
-from hab_tasks.engine.sensors import HANDLE, ObsEntry, observation_doc
+from hab_tasks.engine.sensors import HANDLE, ObsEntry, observation_doc, of_robot
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator
 from hab_tasks.episodes.schema import Episode
@@ -171,7 +171,8 @@ class SkillEnv(HabEnv):
         skill = cls.skill
         cls.name, cls.requirements = skill.name, skill.requirements
         cls.horizon_steps = skill.horizon_steps
-        cls.control_modes, cls.observation = skill.control_modes, skill.observation
+        cls.control_modes = skill.control_modes
+        cls.observation = of_robot(skill.observation, cls.robot)
         cls.reward_bound, cls.score_names = skill.reward_bound, skill.score_names
         cls.handle = HANDLE if skill.requirements.articulations else None
         if cls.__doc__ is not None:

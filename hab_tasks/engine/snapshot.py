@@ -23,7 +23,7 @@ class Snapshot:
     """State of the simulator as used by the skills; batched, N rows.
 
     Attributes:
-        arm_qpos_rad: (N, 7) arm joints.
+        arm_qpos_rad: (N, A) arm joints.
         base: (N, 3) x [m], y [m], yaw [rad] of the base in the world.
         base_axes: (N, 3, 3) axes of the base frame in the world, as columns.
         ee_m: (N, 3) end-effector point in the world.

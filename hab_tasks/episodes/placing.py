@@ -188,7 +188,7 @@ def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m
     The robot opens its hand in the first action, as in an episode, and stands still. The object
     starts at its start pose; the poses of it and of other objects are not restored.
     """
-    agent = sandbox.stand_robot(robot.base, np.array(robot.arm_qpos_rad))
+    agent = sandbox.stand_robot(robot.base, robot.arm_pose(sandbox.robot))
     names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
     grasp = SnapGrasp(agent, movable, [], "objects")
     grasp.attach(names.index(held))

@@ -125,7 +125,7 @@ class RobotStarts:
             elif self._hand_too_near(base, arm):
                 reason = "no place has the hand off its target"
             elif self.reaches(base, target_m):
-                return _start(base, arm)
+                return self._start(base, arm)
         raise RejectedSampleError(reason)
 
     def in_rectangle(
@@ -162,7 +162,7 @@ class RobotStarts:
             elif end_m is not None and not in_workspace(self._kinematics.robot, base, end_m):
                 reason = "the handle would have to leave the workspace"
             elif not reach or self.reaches(base, facing_m):
-                return _start(base, arm)
+                return self._start(base, arm)
             else:
                 reason = "handle out of reach"
         raise RejectedSampleError(reason)
@@ -183,7 +183,7 @@ class RobotStarts:
             if arm is None or self._sandbox.robot_touches(base, arm, START_CLEARANCE_M):
                 continue
             if not self._hand_too_near(base, arm):
-                return _start(base, arm)
+                return self._start(base, arm)
         raise RejectedSampleError("no free floor to start on")
 
     def stand(self, target_m: Array) -> bool:
@@ -232,6 +232,11 @@ class RobotStarts:
         rest = np.array(self._kinematics.robot.rest_qpos_rad)
         return self._solve(rest, self._kinematics.position(rest) + self.noise.ee_m * draw)
 
+    def _start(self, base: Base, arm: Array) -> RobotStart:
+        x, y, yaw = (round(value, START_DIGITS) for value in base)
+        rounded = (round(float(q), START_DIGITS) for q in arm)
+        return RobotStart.of(self._kinematics.robot, (x, y, yaw), rounded)
+
     def _solve(self, arm: Array, goal_m: Array) -> Array | None:
         arm = self._kinematics.approach(arm, goal_m, steps=40, damping=0.05)
         close = np.linalg.norm(self._kinematics.position(arm) - goal_m) < 0.005
@@ -256,10 +261,3 @@ def ee_in_world(kinematics: ArmKinematics, base: Base, arm_qpos_rad: Array) -> A
     """Returns the end-effector point (3,) in the world."""
     above_floor = np.array([0.0, 0.0, kinematics.robot.base_height_m])
     return apply(planar(*base), kinematics.position(arm_qpos_rad)) + above_floor
-
-
-def _start(base: Base, arm: Array) -> RobotStart:
-    x, y, yaw = (round(value, START_DIGITS) for value in base)
-    return RobotStart(
-        base=(x, y, yaw), arm_qpos_rad=tuple(round(float(q), START_DIGITS) for q in arm)
-    )

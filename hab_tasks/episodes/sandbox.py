@@ -16,7 +16,7 @@ from hab_tasks.episodes.sandbox_robot import TOUCH_DEPTH_M, JointPositions, Sand
 from hab_tasks.episodes.schema import POSE_DIGITS, rounded, template_of
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.privileged import CollisionBody
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
@@ -58,7 +58,7 @@ class PlacementSandbox:
         spec: SceneSpec,
         templates: dict[str, ObjectTemplate],
         memory: LayoutMemory | None = None,
-        robot: RobotSpec = FETCH,
+        robot: RobotSpec = DEFAULT_ROBOT,
     ) -> None:
         """Builds the layout without movable objects, and settles its loose objects.
 

@@ -1,6 +1,6 @@
 """Data model of an episode: layout, object poses, robot start and goals; frozen; and requests.
 
-Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 3, "env", "scene_dataset", "made_from",
+Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 4, "env", "scene_dataset", "made_from",
 "split", "seed", "scenes": {scene_id: {object name: pose}}, "episodes": [...]}``. Poses are
 position [m] and quaternion wxyz in the z-up world. An episode always gives the same start state.
 """
@@ -12,18 +12,21 @@ import json
 import math
 import zlib
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
+
 from hab_tasks import option_values
 from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
-from hab_tasks.geometry import Pose7
+from hab_tasks.geometry import Array, Pose7
 from hab_tasks.io.files import written_aside
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots import DEFAULT_ROBOT
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.typed_values import read_value
 
 
@@ -73,7 +76,7 @@ def naming(where: str, name: str) -> Iterator[None]:
         raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
 
 
-SCHEMA = 3
+SCHEMA = 4
 POSE_DIGITS = 6
 """Poses are rounded to a micrometre, in memory and in files, so that both give the same start."""
 
@@ -86,10 +89,20 @@ Base = tuple[float, float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class RobotStart:
-    """Start state of the robot: base, and its `arm_joints` [rad] in their order."""
+    """Start state of the robot: base, and joint name -> position of its `arm_joints`."""
 
     base: Base
-    arm_qpos_rad: tuple[float, ...]
+    arm_qpos_rad: dict[str, float]
+
+    @classmethod
+    def of(cls, robot: RobotSpec, base: Base, arm_rad: Iterable[float]) -> RobotStart:
+        """Returns a start with an arm pose (J,) [rad] in the order of the robot's joints."""
+        joints = zip(robot.arm_joints, map(float, arm_rad), strict=True)
+        return cls(base=base, arm_qpos_rad=dict(joints))
+
+    def arm_pose(self, robot: RobotSpec) -> Array:
+        """Returns the arm pose (J,) [rad] in the order of the robot's joints."""
+        return np.array([self.arm_qpos_rad[name] for name in robot.arm_joints])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -282,7 +295,7 @@ class EpisodeRequest:
     file: str | Path | None = None
     seed: int = 0
     novel: str | None = None
-    robot: str = FETCH.uid
+    robot: str = DEFAULT_ROBOT.uid
 
     def __post_init__(self) -> None:
         """Rejects values of a wrong type."""

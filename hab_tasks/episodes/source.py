@@ -36,7 +36,6 @@ from hab_tasks.io.executors import Executor, LocalExecutor, Task
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.spec import robot_of
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
@@ -72,7 +71,7 @@ class EpisodeSource:
         self.file = None if request.file is None else Path(request.file)
         self.env_id = imported_id(request.env_id)
         self.seed, self.novel = request.seed, request.novel
-        others = {self.novel, request.robot} - {None, FETCH.uid}
+        others = {self.novel, request.robot} - {None, EpisodeRequest.robot}
         self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
         self.dataset, self.scene_id = dataset, request.scene
         self.objects = load_objects(request.objects)

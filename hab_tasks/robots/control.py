@@ -6,9 +6,9 @@ Action layout: arm and gripper (1) if the arm is controlled, then base (2) if th
 arm mode              meaning of the arm's entries
 ====================  ===============================================================
 ``ee`` (3)            end-effector displacement in the base frame, [-1, 1] -> 1.5 cm
-``joint_delta`` (7)   joint displacement, [-1, 1] -> 0.0125 rad
-``joint_target`` (7)  joint position targets [rad], for planners
-``joint_state`` (7)   joint positions [rad], set directly: the perfect controller (S I.1)
+``joint_delta`` (J)   joint displacement, [-1, 1] -> 0.0125 rad
+``joint_target`` (J)  joint position targets [rad], for planners
+``joint_state`` (J)   joint positions [rad], set directly: the perfect controller (S I.1)
 ====================  ===============================================================
 
 With the suffix ``_base`` the base moves as well; in ``base`` and ``base_discrete`` only the base
@@ -63,9 +63,9 @@ Array = NDArray[Any]
 
 
 def commanded_arm(mode: ArmMode, qpos: Array, arm: Array, kinematics: ArmKinematics) -> Array:
-    """Returns the commanded arm pose (7,) [rad] after an action with these arm entries.
+    """Returns the commanded arm pose (J,) [rad] after an action with these arm entries.
 
-    `qpos` (7,) float64 is the pose commanded before; in ``joint_state``, the true one.
+    `qpos` (J,) float64 is the pose commanded before; in ``joint_state``, the true one.
     """
     if mode in ABSOLUTE_ARM:
         return np.minimum(np.maximum(arm, qpos - TARGET_STEP_RAD), qpos + TARGET_STEP_RAD)
@@ -100,7 +100,7 @@ class HabController(BaseController):
     """Converts a flat action to drive targets; keeps the commanded arm pose and gripper value.
 
     Attributes:
-        arm_target_rad: (7,) commanded arm pose.
+        arm_target_rad: (J,) commanded arm pose.
         gripper: Last gripper entry; the environment passes it to the snap grasp.
         base_target: (3,) commanded x, y [m] and yaw [rad], in modes with a base pose.
         stopped: Whether the last action was the stop action.
@@ -254,7 +254,7 @@ class HabController(BaseController):
         turning(robot.base_angular_speed_rad_s * angular)
 
     def get_state(self) -> dict[str, Tensor]:
-        """Returns the commanded arm pose (1, 7), gripper (1,) and, if any, base pose (1, 3)."""
+        """Returns the commanded arm pose (1, J), gripper (1,) and, if any, base pose (1, 3)."""
         state = {
             "arm_target_rad": torch.tensor(self.arm_target_rad)[None],
             "gripper": torch.tensor([self.gripper]),
@@ -275,7 +275,7 @@ class HabController(BaseController):
                 self._joints[index].set_drive_target(value)
 
     def _arm_target(self, qpos: Array, arm: Array) -> Array:
-        """Returns the commanded arm pose (7,) [rad] of an action's arm entries."""
+        """Returns the commanded arm pose (J,) [rad] of an action's arm entries."""
         return commanded_arm(self.config.arm, qpos, arm, self._kinematics)
 
 

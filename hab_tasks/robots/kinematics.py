@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache, lru_cache
+from math import pi
 from xml.etree import ElementTree
 
 import numpy as np
@@ -16,10 +17,12 @@ _EYE = np.eye(3)
 
 
 def _arm_urdf(robot: RobotSpec) -> str:
-    """Returns the URDF with revolute instead of continuous arm joints, so that q is 7 angles."""
+    """Returns the URDF with revolute instead of continuous joints: q is one angle each."""
     text = robot.urdf_path().read_text()
     ranges = zip(robot.arm_lower_rad, robot.arm_upper_rad, strict=True)
-    limits: dict[str | None, tuple[float, float]] = dict(zip(robot.arm_joints, ranges, strict=True))
+    # Pinocchio has cosine and sine for a continuous joint, where `locked_qpos` has its angle.
+    limits: dict[str | None, tuple[float, float]] = dict.fromkeys(robot.locked_qpos, (-pi, pi))
+    limits.update(zip(robot.arm_joints, ranges, strict=True))
     root = ElementTree.fromstring(text)
     for joint in root.iter("joint"):
         if joint.get("name") in limits and joint.get("type") == "continuous":
@@ -70,19 +73,19 @@ class ArmKinematics:
         self._data = self._model.createData()
 
     def position(self, qpos: Array) -> Array:
-        """Returns the (3,) end-effector position [m] of one arm pose (7,) [rad]."""
+        """Returns the (3,) end-effector position [m] of one arm pose (J,) [rad]."""
         pin.forwardKinematics(self._model, self._data, qpos)
         return pin.updateFramePlacement(self._model, self._data, self._ee).translation.copy()
 
     def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
-        """Returns (3,) [m] and the (3, 7) positional Jacobian [m/rad] of one arm pose (7,)."""
+        """Returns (3,) [m] and the (3, J) positional Jacobian [m/rad] of one arm pose (J,)."""
         jacobian = pin.computeFrameJacobian(
             self._model, self._data, qpos, self._ee, pin.LOCAL_WORLD_ALIGNED
         )
         return self._data.oMf[self._ee].translation, jacobian[:3]
 
     def displace(self, qpos: Array, target_m: Array, damping: float = 0.02) -> Array:
-        """One damped-least-squares step of the arm (7,) towards an end-effector target (3,).
+        """One damped-least-squares step of the arm (J,) towards an end-effector target (3,).
 
         dq = J^T (J J^T + damping^2 I)^-1 (target - position), then the joint limits.
         """
@@ -90,7 +93,7 @@ class ArmKinematics:
         return self._damped_step(qpos, jacobian, target_m - position, damping)
 
     def approach(self, qpos: Array, target_m: Array, steps: int, damping: float) -> Array:
-        """Returns the arm (7,) after a number of steps of `displace` towards a target (3,)."""
+        """Returns the arm (J,) after a number of steps of `displace` towards a target (3,)."""
         path: list[Array] = []
         number: dict[bytes, int] = {}
         for step in range(steps):
@@ -103,7 +106,7 @@ class ArmKinematics:
         return qpos
 
     def move(self, qpos: Array, step_m: Array, damping: float = 0.02) -> Array:
-        """`displace` by `step_m` (3,) from the current arm pose (7,), within the workspace box."""
+        """`displace` by `step_m` (3,) from the current arm pose (J,), within the workspace box."""
         position, jacobian = self.position_and_jacobian(qpos)
         goal = np.minimum(np.maximum(position + step_m, self._ee_lower_m), self._ee_upper_m)
         return self._damped_step(qpos, jacobian, goal - position, damping)

@@ -24,6 +24,7 @@ from hab_tasks.engine.sensors import (
     ObsEntry,
     handles_in_base,
     observation_doc,
+    of_robot,
     targets_in_base,
 )
 from hab_tasks.episodes.schema import Episode
@@ -58,7 +59,7 @@ class TaskEnv(HabEnv):
             takes="any",
         )
         cls.control_modes = MOBILE_MODES
-        cls.observation = (*PROPRIOCEPTION, targets_in_base(task.objects))
+        cls.observation = of_robot((*PROPRIOCEPTION, targets_in_base(task.objects)), cls.robot)
         cls.handle = handles_in_base(len(task.articulations)) if task.articulations else None
         cls.reward_bound = max(part.skill.reward_bound for part in task.parts)
 

@@ -70,7 +70,7 @@ def episode(number, scene_id=MACRO, **changes):
     goal = (4.0, -2.0, 0.5, 1.0, 0.0, 0.0, 0.0)
     bowl, apple = (1.0, 2.0, *goal[2:]), (0.0, 1.0, *goal[2:])
     target = Rearrangement(object=BOWL, start=TABLE, goal=SINK, world_from_goal=goal)
-    robot = RobotStart(base=(0.5, 0.25, 1.0), arm_qpos_rad=(0.0,) * 7)
+    robot = RobotStart(base=(0.5, 0.25, 1.0), arm_qpos_rad={})
     values = {"scene_id": scene_id, "seed": number, "robot": robot, "targets": (target,)}
     values |= {"id": f"e{number}", "objects": {BOWL: bowl, APPLE: apple}}
     return Episode(**values | changes)

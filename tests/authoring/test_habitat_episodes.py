@@ -52,7 +52,7 @@ def test_what_the_fields_mean(tmp_path):
     assert (bowl.object, bowl.start) == ("024_bowl_:0001", IN_DRAWER)
     assert apple.start == (SHELF, "fridge_:0000/body")
     assert bowl.goal == apple.goal == (TABLE, "frl_apartment_table_01_:0000")
-    assert episode.robot == RobotStart(base=(0.0, 0.0, 0.0), arm_qpos_rad=FETCH.rest_qpos_rad)
+    assert episode.robot == RobotStart.of(FETCH, (0.0, 0.0, 0.0), FETCH.rest_qpos_rad)
 
 
 def test_poses_become_z_up(tmp_path):
@@ -85,7 +85,7 @@ def test_habitat_finds_all_that_it_looks_for():
         id="a",
         scene_id=SCENE,
         seed=1,
-        robot=RobotStart(base=(1.0, 2.0, 0.0), arm_qpos_rad=FETCH.rest_qpos_rad),
+        robot=RobotStart.of(FETCH, (1.0, 2.0, 0.0), FETCH.rest_qpos_rad),
         objects={"024_bowl_:0004": IDENTITY, "024_bowl_:0002": IDENTITY},
         targets=(Rearrangement(object="024_bowl_:0004", start=IN_DRAWER),),
         joints={"fridge_:0000": {"top_door_hinge": 2.3}},

@@ -99,7 +99,7 @@ def test_every_field_of_an_episode_comes_back(tmp_path):
         navigation=NavigationGoal(skill="HabPick-v1", base=(1.0, 2.0, -3.0)),
         joints={"fridge_:0000": {"top_door_hinge": 1.25}},
         loose={"frl_apartment_vase_01_:0000": IDENTITY},
-        robot=replace(first.robot, arm_qpos_rad=(0.1, -0.2, 0.3, 0.4, -0.5, 0.6, 0.7)),
+        robot=replace(first.robot, arm_qpos_rad={n: len(n) / 9 for n in first.robot.arm_qpos_rad}),
     )
     # Targets without a start, a goal or a pose, out of the objects' order; numbers with a gap.
     objects_m = {(n if n != handle else f"{n[:-4]}0009"): p for n, p in second.objects.items()}
@@ -134,7 +134,7 @@ def test_starts_are_drawn_where_a_file_has_none_and_written_once_they_moved(tmp_
     assert base != (0.0, 0.0, 0.0)
     sandbox = PlacementSandbox(load_scene(APARTMENT, SCENE), OBJECTS)
     pose_scene(sandbox, episode.objects, episode.joints)
-    assert not sandbox.robot_touches(base, np.array(episode.robot.arm_qpos_rad), START_CLEARANCE_M)
+    assert not sandbox.robot_touches(base, episode.robot.arm_pose(sandbox.robot), START_CLEARANCE_M)
     assert sandbox.floor().clearance_at(np.array(base[:2])) >= BASE_RADIUS_M
     write_episodes(drawn, tmp_path / "ours.json")
     drawn = read_episodes(tmp_path / "ours.json")

@@ -23,7 +23,7 @@ BARE = Episode(
     id="a",
     scene_id="apt_0",
     seed=2**31 - 1,
-    robot=RobotStart(base=(0.5, 1e-9, -3.1), arm_qpos_rad=(0.1,) * 7),
+    robot=RobotStart(base=(0.5, 1e-9, -3.1), arm_qpos_rad={"pan": 0.1, "lift": -1e-9}),
     objects={},
     targets=(),
 )

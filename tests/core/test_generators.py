@@ -45,7 +45,7 @@ def test_starts_are_those_of_the_protocol(generated, env_id, dataset):
         assert not replay.touches(), episode.id
         # Places are drawn with this clearance; only then the noise comes on top.
         assert replay.off_floor_m(episode.robot.base) <= sc.BASE_NOISE_M + sc.CELL_M, episode.id
-        arm = np.array(episode.robot.arm_qpos_rad)
+        arm = episode.robot.arm_pose(FETCH)
         assert ((arm >= FETCH.arm_lower_rad) & (arm <= FETCH.arm_upper_rad)).all()
         off = np.abs(ArmKinematics(FETCH).position(arm) - (0.5, 0.0, 1.0))
         # 5 cm of noise on each axis; the solver stops within 5 mm.

@@ -190,7 +190,7 @@ def test_the_start_is_the_episodes(make, env_id):
         env.reset(options={"episode": wish})
         assert env.unwrapped.episode == (expected,)
         (state,) = env.unwrapped.privileged()
-        assert np.allclose(state.arm_qpos, expected.robot.arm_qpos_rad, atol=1e-5)
+        assert np.allclose(state.arm_qpos, expected.robot.arm_pose(env.unwrapped.robot), atol=1e-5)
         assert np.allclose(state.world_from_base[:2, 3], expected.robot.base[:2], atol=1e-5)
         for name, pose in expected.objects.items():
             assert np.allclose(state.world_from_body[name][:3, 3], pose[:3], atol=1e-5)

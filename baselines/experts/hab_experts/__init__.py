@@ -106,7 +106,8 @@ def _follower(env: SkillEnv, repeat: int) -> ShortestPathFollower:
         assert episode.navigation is not None
         map_ = env.simulation.maps.of(episode.scene_id, episode.joints)
         goal = np.array(episode.navigation.base)
-        _followers[env] = found = episode, ShortestPathFollower(map_, goal, repeat)
+        follower = ShortestPathFollower(map_, goal, repeat * env.robot.base_step_rad)
+        _followers[env] = found = episode, follower
     return found[1]
 
 

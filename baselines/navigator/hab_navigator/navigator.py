@@ -99,6 +99,7 @@ class Navigator:
             map_: Map of earlier ways, if there is one; then the base pose must be known.
             reach: Where the skill that follows can start; None for any pose.
         """
+        self._turn_rad = REPEAT * robot.base_step_rad
         self.map = RobotMap(robot, REPEAT) if map_ is None else map_
         self.map.forget_point()
         self.aim: Array | None = None
@@ -136,7 +137,7 @@ class Navigator:
             action = BACK_CELL
         elif not self._stops_here(self._belief):
             follower = ShortestPathFollower(
-                floor, self.aim, REPEAT, arrived_m=ARRIVED_M, arrived_rad=ARRIVED_RAD
+                floor, self.aim, self._turn_rad, arrived_m=ARRIVED_M, arrived_rad=ARRIVED_RAD
             )
             action = follower.action(self.map.pose)
         self._stopped = action == STOP_CELL

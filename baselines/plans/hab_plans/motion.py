@@ -30,7 +30,7 @@ class Command:
     """Command of one control step.
 
     Attributes:
-        arm_rad: (7,) joint targets.
+        arm_rad: (J,) joint targets.
         gripper: `GRASP` or `RELEASE`.
         base: Forward and turning velocity, relative to their maximum.
         pose: (3,) base pose to set directly, in modes that support it; None for the current one.

@@ -61,7 +61,7 @@ class BasePose:
 
     Attributes:
         base: The pose.
-        arm_rad: (7,) arm pose while it drives.
+        arm_rad: (J,) arm pose while it drives.
         turning_m: Clearance in which the base turns, for an arm that sticks out; else 0.
     """
 
@@ -169,7 +169,7 @@ class PathResult:
     """A path of the arm.
 
     Attributes:
-        path: (K, 7) [rad], piecewise linear in joint space; None if none was found.
+        path: (K, J) [rad], piecewise linear in joint space; None if none was found.
         failure: `Failure.MOTION_PLAN` if none was found.
         seconds: Computing time [s].
         checks: Number of collision checks.
@@ -199,7 +199,7 @@ class MotionPlanner(Protocol[W, C]):
         touch_m: float = 0.001,
         backwards: bool = False,
     ) -> PathResult:
-        """Plans a collision-free path from an arm pose (7,) to one of the goals (G, 7).
+        """Plans a collision-free path from an arm pose (J,) to one of the goals (G, J).
 
         Args:
             start: The arm pose [rad].

@@ -38,6 +38,7 @@ from hab_tasks.episodes import Episode
 from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.io.pool import WorkerPool, in_order
 from hab_tasks.io.threads import use_one_thread
+from hab_tasks.registration import imported_id
 
 FIRST_EPISODES = 25
 """An agent that has no demonstration after so many episodes is given up."""
@@ -207,7 +208,8 @@ class Studio:
         self._stage = environments.make_env(
             config, spec, split=recipe.env.split, render=False, num_episodes=most
         )
-        self._path = _PathRecorder(environments.gripper_entry(spec.control_mode))
+        entry = environments.gripper_entry(imported_id(config.env), spec.control_mode)
+        self._path = _PathRecorder(entry)
         self._env: Any = gym.make(recipe.env.reference, num_envs=1, **recipe.env.options())
         self._drives = recipe.env.control_mode == DRIVING_MODE
         spaces = _setup(plan).spaces(spec_of(recipe))

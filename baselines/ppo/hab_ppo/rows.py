@@ -37,7 +37,7 @@ def binary_entries(recipe: Recipe) -> tuple[int, ...]:
     """Returns the indices of the binary entries of the action: the gripper's, or none."""
     if recipe.preset.network.gripper_persistence is None:
         return ()
-    entry = gripper_entry(recipe.env.control_mode)
+    entry = gripper_entry(imported_id(recipe.env.reference), recipe.env.control_mode)
     return () if entry is None else (entry,)
 
 

@@ -251,7 +251,8 @@ def batch_rows(
 ) -> list[BenchRow]:
     """Returns the rate of checks in batches, and their agreement with coal."""
     model = ArmCollision(robot, state, held=state.held)
-    poses = np.random.default_rng(0).uniform(*model.limits_rad, (BATCH_POSES, 7))
+    shape = BATCH_POSES, len(robot.arm_joints)
+    poses = np.random.default_rng(0).uniform(*model.limits_rad, shape)
     model.are_free(poses)
     began = time.perf_counter()
     model.are_free(poses)

@@ -284,5 +284,5 @@ def _features_of(episode: Episode, arm: ArmKinematics) -> Array:
     point_m = np.array((target.world_from_goal or episode.objects[target.object])[:3])
     cosine, sine = np.cos(yaw), np.sin(yaw)
     level_m = (point_m[:2] - np.array((x, y))) @ np.array(((cosine, -sine), (sine, cosine)))
-    ee_m = arm.position(np.array(episode.robot.arm_qpos_rad))
+    ee_m = arm.position(episode.robot.arm_pose(arm.robot))
     return features(np.append(level_m, point_m[2]), ee_m)

@@ -96,8 +96,8 @@ FROM_SENSORS = {
     "skills": "depth",
     "navigation": "learned",
     "aim": "object",
-    "pick": "spa+pick_depth",
-    "place": "spa+place_depth",
+    "pick": "spa+pick_fridge+pick_depth",
+    "place": "spa+place_fridge+place_depth",
     "retries": "3",
     "replan": "5",
 }
@@ -201,7 +201,8 @@ def _policy(setup: AgentSetup, skill: str, by: Path | str | None, options: TeamO
     if isinstance(by, str):
         own = load_factory(by)(setup) if PROVIDERS.get(skill) == by else None
         if own is None or isinstance(own, Agent):
-            return AgentPolicy(setup, skill, by, {"planner": "batched"} if by == SPA else {})
+            plans = by == SPA
+            return AgentPolicy(setup, skill, by, {"planner": "batched"} if plans else {}, plans)
         return own
     return None if by is None else SkillPolicy(setup, skill, by, options.draws_actions)
 

@@ -70,6 +70,10 @@ class FeltBeliefs:
             self._let_go(self.held, hand_m + np.array((0.0, 0.0, self._held_m[2])))
             self.held = None
 
+    def hold(self, held_m: Array) -> None:
+        """Notes where the held object is, (3,) from the hand."""
+        self._held_m = held_m
+
     def take_for_other(self) -> Array:
         """Notes that what is held is not what was to be picked; returns where it was taken (3,)."""
         assert self.held is not None

@@ -120,7 +120,7 @@ class NavigatorPolicy:
     name = "navigator"
     horizon_steps = NAVIGATE_HORIZON_STEPS
     obs_mode = "depth"
-    sees_handles, sees_images = False, True
+    sees_handles, sees_images, finds_held = False, True, False
     starts = None
 
     def __init__(self, setup: AgentSetup, path: Path) -> None:

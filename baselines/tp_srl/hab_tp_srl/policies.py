@@ -39,7 +39,7 @@ class Stillness:
     """How long an arm has stood still.
 
     Attributes:
-        arm_rad: (7,) the joints in the last step.
+        arm_rad: (J,) the joints in the last step.
         still_steps: Number of steps since they moved, or since actions were last drawn for it.
         draws_left: Number of actions still to be drawn.
     """
@@ -52,7 +52,7 @@ class Stillness:
         """Whether the action of this step is drawn; to be called in every step.
 
         Args:
-            arm_rad: (7,) the joints.
+            arm_rad: (J,) the joints.
         """
         before, self.arm_rad = self.arm_rad, arm_rad.copy()
         moves = before is None or np.abs(arm_rad - before).max() > MOTION_RAD
@@ -81,6 +81,7 @@ class Decider(Protocol):
     name: str
     horizon_steps: int
     control: HabControllerConfig
+    finds_held: bool
 
     def goes_on(self, turn: Turn) -> bool:
         """See `SkillPolicy.goes_on`."""
@@ -135,6 +136,8 @@ class SkillPolicy:
         draws_actions: Whether its actions are drawn.
         starts: Ranges of the starts that its training knows; None if they are unknown.
     """
+
+    finds_held = False
 
     def __init__(self, setup: AgentSetup, skill: str, path: Path, draws: bool = False) -> None:
         """Loads a skill's weights.
@@ -256,7 +259,12 @@ class AgentPolicy:
     """Runs an agent of its own for each row; the attributes are those of `SkillPolicy`."""
 
     def __init__(
-        self, setup: AgentSetup, skill: str, reference: str, options: Mapping[str, str]
+        self,
+        setup: AgentSetup,
+        skill: str,
+        reference: str,
+        options: Mapping[str, str],
+        finds_held: bool = False,
     ) -> None:
         """Loads the agent.
 
@@ -265,13 +273,14 @@ class AgentPolicy:
             skill: Name of the skill in tasks.
             reference: ``module:factory``.
             options: Options of the agent.
+            finds_held: Whether it finds by itself where an object is in the hand.
 
         Raises:
             HabError: The agent cannot be loaded, or it cannot act in a task.
         """
         named = {ENVS[env_id].env.name: env_id for env_id in SKILLS} | TASK_SKILLS
         inner = replace(setup, env_id=named[skill], options=dict(options))
-        self._make = partial(load_agent, reference, inner)
+        self._make, self.finds_held = partial(load_agent, reference, inner), finds_held
         self._agents: list[Agent] = [self._make()]
         spec = self._agents[0].spec
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files

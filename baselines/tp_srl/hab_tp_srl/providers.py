@@ -190,6 +190,7 @@ class LearnedSkill:
         view.see_front(before, number)
         failure = yield from self._act(robot, stage, ending, view.point(stage))
         if not closes:
+            view.see_opened(view.look(robot.spec), number)
             return failure
         closed = view.see_closed(view.look(robot.spec), number)
         return None if closed else failure or Failure.EXECUTION
@@ -198,6 +199,8 @@ class LearnedSkill:
         """Picks or places; which object was taken, and where it came to lie, is seen."""
         view, point_m = self.view, self.view.point(stage)
         before = view.look(robot.spec)
+        if stage.skill == "place":
+            view.see_held(before)
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)

@@ -58,7 +58,7 @@ class ObservedScene:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self.view.arm_qpos
 
     @property

@@ -26,6 +26,13 @@ CHANGED_M = 0.015
 AROUND_M, LEAST = 0.5, 8
 """What has appeared is looked for so far around, and has so many pixels at least."""
 
+LEVEL_M, RISES_M, HIDDEN_M = 0.1, 0.02, 0.25
+"""An object lies on the level of most surfaces so near in height, and is so much higher. Farther
+from its goal, what was hidden before may as well be a wall."""
+
+IN_HAND_M = 0.2
+"""What is held is seen so near to the hand: grasped up to 15 cm from its centre of mass."""
+
 OWN_M, OWN_PX = 0.04, 2
 """Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
 edges a pixel may show either."""
@@ -36,14 +43,12 @@ class Look:
     """A look with the head camera.
 
     Attributes:
-        depth_m: (H, W) distance along the camera's axis; infinite beyond the range.
         points_m: (H, W, 3) surfaces in the base frame; NaN beyond the range.
         own: (H, W) whether a pixel shows the robot.
         view: The image, in the world of the camera's pose.
         base_from_world: (4, 4) from that world.
     """
 
-    depth_m: Array
     points_m: Array
     own: NDArray[np.bool_]
     view: DepthView
@@ -51,7 +56,7 @@ class Look:
 
     @classmethod
     def take(cls, robot: RobotSpec, obs: Mapping[str, Any], row: int, arm_rad: Array) -> Look:
-        """Looks, with the arm at joint positions (7,) [rad]."""
+        """Looks, with the arm at joint positions (J,) [rad]."""
         images = of_rows(obs, [row])
         view = DepthView.read(images, "head", 0)
         base_from_world = invert_pose(world_from_base(robot, images, 0))
@@ -60,43 +65,66 @@ class Look:
         shapes = own_shapes(robot)
         own[seen] = shapes.contain(points_m[seen], shapes.poses(np.eye(4), arm_rad), OWN_M)
         own = np.array(ndimage.binary_dilation(own, iterations=OWN_PX), dtype=bool)
-        return cls(
-            depth_m=view.depth_m,
-            points_m=points_m,
-            own=own,
-            view=view,
-            base_from_world=base_from_world,
-        )
+        return cls(points_m=points_m, own=own, view=view, base_from_world=base_from_world)
+
+    @property
+    def depth_m(self) -> Array:
+        """(H, W) distance along the camera's axis; infinite beyond the range."""
+        return self.view.depth_m
 
     @property
     def surfaces_m(self) -> Array:
         """Surfaces (P, 3) in the base frame, other than the robot's."""
         return self.points_m[np.isfinite(self.depth_m) & ~self.own]
 
-    def behind_m(self, points_m: Array) -> Array:
-        """Returns how far (V,) behind points (P, 3) the surfaces are that are seen through them.
+    def behind_m(self, points_m: Array) -> tuple[NDArray[np.int64], Array]:
+        """Returns which of points (P, 3) are in view, and how far (V,) behind these one sees.
 
-        Points out of view or hidden by the robot are left out.
+        Points that the robot hides are not in view.
         """
         world_from_base = invert_pose(self.base_from_world)
         in_world_m = points_m @ world_from_base[:3, :3].T + world_from_base[:3, 3]
-        _, pixels, depths_m = self.view.project(in_world_m)
+        which, pixels, depths_m = self.view.project(in_world_m)
         pixels = tuple(pixels.T)
-        return (self.depth_m[pixels] - depths_m)[~self.own[pixels]]
+        seen = ~self.own[pixels]
+        return which[seen], (self.depth_m[pixels] - depths_m)[seen]
 
-    def appeared(self, before: Look, near_m: Array) -> list[Array]:
-        """Returns what has appeared around a point (3,) since a look, as clouds (P, 3)."""
-        around = np.linalg.norm(self.points_m - near_m, axis=-1) < AROUND_M
+    def appeared(self, before: Look, near_m: Array, hidden: bool = False) -> list[Array]:
+        """Returns what has appeared around a point (3,) since a look, as clouds (P, 3).
+
+        Args:
+            before: The earlier look.
+            near_m: (3,) the point.
+            hidden: Whether what was hidden then, by the arm or by what it held, counts if it rises
+                above the level of what is around.
+        """
+        gaps_m = np.linalg.norm(self.points_m - near_m, axis=-1)
+        rows, columns = np.nonzero((gaps_m < AROUND_M) & ~self.own)
         # Through the earlier camera, as contact may have turned the base a little meanwhile.
-        rows, columns = np.nonzero(around & ~self.own)
         seen, pixels, depths_m = before.view.project(self.view.points_m[rows, columns])
-        seen = seen[depths_m < before.depth_m[tuple(pixels.T)] - CHANGED_M]
+        then_m = before.depth_m[tuple(pixels.T)]
+        new = depths_m < then_m - CHANGED_M
+        if hidden:
+            heights_m = self.points_m[rows, columns, 2]
+            level = heights_m[np.abs(heights_m - near_m[2]) < LEVEL_M]
+            level_m = np.median(level) if len(level) else np.inf
+            rises = (heights_m > level_m + RISES_M) & (gaps_m[rows, columns] < HIDDEN_M)
+            new |= (depths_m > then_m + CHANGED_M) & rises[seen]
         nearer = np.zeros(self.own.shape, dtype=bool)
-        nearer[rows[seen], columns[seen]] = True
+        nearer[rows[seen[new]], columns[seen[new]]] = True
         # Without lines one pixel wide: a base that sways by a millimetre shifts edges.
-        nearer = ndimage.binary_opening(nearer, np.ones((2, 2)))
-        parts: NDArray[np.int32] = np.zeros(nearer.shape, dtype=np.int32)
-        ndimage.label(nearer, np.ones((3, 3)), output=parts)
+        return self._clouds(ndimage.binary_opening(nearer, np.ones((2, 2))))
+
+    def held_m(self, ee_m: Array) -> Array | None:
+        """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is."""
+        near = np.linalg.norm(self.points_m - ee_m, axis=-1) < IN_HAND_M
+        cloud_m = max(self._clouds(near & ~self.own), key=len, default=None)
+        return None if cloud_m is None else middle_m(cloud_m)
+
+    def _clouds(self, shown: NDArray[Any]) -> list[Array]:
+        """Returns the connected parts of some pixels (H, W), as clouds (P, 3)."""
+        parts: NDArray[np.int32] = np.zeros(shown.shape, dtype=np.int32)
+        ndimage.label(shown, np.ones((3, 3)), output=parts)
         clouds_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
         return [cloud_m for cloud_m in clouds_m if len(cloud_m) >= LEAST]
 
@@ -111,7 +139,7 @@ class Look:
         Returns:
             None if nothing that is large enough has appeared around the point.
         """
-        middles_m = [middle_m(cloud_m) for cloud_m in self.appeared(before, near_m)]
+        middles_m = [middle_m(cloud_m) for cloud_m in self.appeared(before, near_m, hidden=True)]
         return min(middles_m, key=lambda middle_m: np.linalg.norm(middle_m - near_m), default=None)
 
 

@@ -65,7 +65,7 @@ def learned(
     for _ in range(policy.horizon_steps):
         robot.doing = policy.name
         was_holding = view.holding
-        turn.entries = view.entries(stage, point_m)
+        turn.entries = view.entries(stage, point_m, aims=not policy.finds_held)
         yield _asking(robot, turn, result)
         ending.update()
         if view.holding and not was_holding:

@@ -22,7 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import LEAST_SEEN, Fronts, is_there
+from hab_tp_srl.fronts import Fronts, changed, is_there
 from hab_tp_srl.sight import Look, middle_m
 
 GONE_M = 0.09
@@ -84,9 +84,10 @@ class TaskView:
         self._fronts = Fronts()
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
+        self._left = True
         self._hand_m: Array | None = None
         self._reached_m: Array | None = None
-        self._held_in_ee_m = np.zeros(3)
+        self._held_in_ee_m, self._slid = np.zeros(3), False
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes the observation of a row; called at every step.
@@ -112,8 +113,10 @@ class TaskView:
         If it moves a drawer, the hand shows how far; if it picks an object, where it was shows
         where it is in the hand.
         """
-        self._moving, self._hand_m = stage.articulation, None
+        self._moving, self._hand_m, self._left = stage.articulation, None, not self.holding
         self._reached_m = self.point(stage) if stage.skill == "pick" else None
+        if stage.skill == "pick":
+            self._slid = stage.drawer is not None
         self.felt.begin(stage)
 
     def end(self, stage: Stage, ended: bool) -> None:
@@ -127,6 +130,16 @@ class TaskView:
         """Looks with the head camera."""
         return Look.take(robot, self._obs, self._row, self.arm_qpos)
 
+    def see_held(self, look: Look) -> None:
+        """Notes where an object from a drawer is in the hand: it may have slid in there."""
+        ee_m = self._felt("ee_position").astype(float)
+        found_m = look.held_m(ee_m)
+        if found_m is None or not self._slid:
+            return
+        in_ee_m = self._ee_axes @ (_outward(found_m) - ee_m)
+        self._held_in_ee_m = in_ee_m
+        self.felt.hold(self._to_frame(_outward(found_m)) - self._to_frame(ee_m))
+
     def see_placed(self, robot: RobotSpec, number: int, before: Look) -> Array | None:
         """Notes where an object has come to lie since a look; that may be beside its goal.
 
@@ -136,9 +149,7 @@ class TaskView:
         found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
         if found_m is None or self.felt.held == number:
             return None
-        outward = found_m[:2] / np.linalg.norm(found_m[:2])
-        middle = np.append(found_m[:2] + NEARER_M * outward, found_m[2])
-        self.felt.places_m[number] = self._to_frame(middle)
+        self.felt.places_m[number] = self._to_frame(_outward(found_m))
         return found_m
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
@@ -165,15 +176,20 @@ class TaskView:
         if self.felt.openings[number] == "closed":
             self._fronts.see(number, self._to_frame(look.surfaces_m))
 
+    def see_opened(self, look: Look, number: int) -> None:
+        """Notes what has moved when a door or drawer was opened."""
+        if self.felt.openings[number] == "open":
+            self._fronts.keep(number, lambda points_m: changed(look, self._in_base(points_m)))
+
     def see_closed(self, look: Look, number: int) -> bool:
         """Returns whether a door or drawer is seen to be closed, and believes it.
 
         One that is not in view is taken for open: it may be, and the way to close it leads there.
         """
         front_m = self._fronts.of(number)
-        if len(front_m) < LEAST_SEEN:  # it was never opened, or hardly seen: what was felt counts
+        if not len(front_m):  # what was felt counts
             return self.felt.openings[number] == "closed"
-        closed = is_there(look, np.array([self._in_base(point_m) for point_m in front_m]))
+        closed = is_there(look, self._in_base(front_m))
         self.felt.openings[number] = "closed" if closed else "ajar"
         return bool(closed)
 
@@ -198,7 +214,7 @@ class TaskView:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self._felt("arm_qpos").astype(float)
 
     def point(self, stage: Stage) -> Array:
@@ -235,16 +251,17 @@ class TaskView:
             return None
         return float(np.linalg.norm(now[articulation] - first[articulation]))
 
-    def entries(self, stage: Stage, point_m: Array) -> Entries:
+    def entries(self, stage: Stage, point_m: Array, aims: bool = True) -> Entries:
         """Returns the entries that the skill's environment could observe.
 
         Args:
             stage: The stage.
             point_m: (3,) its `point` when it began.
+            aims: Whether Place may observe its goal from the held object.
         """
         ee_m, axes = self._felt("ee_position"), self._ee_axes
         point = self._in_base(point_m)
-        if self._aims_object and stage.skill == "place":
+        if self._aims_object and aims and stage.skill == "place":
             point = point - axes.T @ self._held_in_ee_m
         agent = self._obs["agent"]
         found: Entries = {
@@ -307,7 +324,9 @@ class TaskView:
 
     def _pull(self) -> None:
         """Adds the motion of a hand that holds a handle."""
-        if self._moving is None or not self.holding:
+        # The hand may still hold another handle, that of the skill before.
+        self._left |= not self.holding
+        if self._moving is None or not self.holding or not self._left:
             self._hand_m = None
             return
         hand_m = self._to_frame(self._felt("ee_position").astype(float))
@@ -346,10 +365,17 @@ class TaskView:
         level = points_m[..., :2] @ _turn(yaw).T + np.array((x, y))
         return np.concatenate((level, points_m[..., 2:]), axis=-1)
 
-    def _in_base(self, point_m: Array) -> Array:
-        """Maps a point (3,) from the resting frame to the base frame; the height is kept."""
+    def _in_base(self, points_m: Array) -> Array:
+        """Maps points (..., 3) from the resting frame to the base frame; heights are kept."""
         x, y, yaw = self._base
-        return np.append((point_m[:2] - np.array((x, y))) @ _turn(yaw), point_m[2])
+        level_m = (points_m[..., :2] - np.array((x, y))) @ _turn(yaw)
+        return np.concatenate((level_m, points_m[..., 2:]), axis=-1)
+
+
+def _outward(seen_m: Array) -> Array:
+    """Returns the middle (3,) of an object from that of what is seen of it, in the base frame."""
+    outward = seen_m[:2] / np.linalg.norm(seen_m[:2])
+    return np.append(seen_m[:2] + NEARER_M * outward, seen_m[2])
 
 
 def _row(value: Any, row: int) -> Array:

@@ -16,7 +16,6 @@ from hab_eval.bench.suite import BenchOptions
 from hab_tasks.constants import EE_STEP_M, REST_POSITION_M
 from hab_tasks.envs import ENVS
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
-from hab_tasks.robots.fetch import FETCH
 
 CONTROLS = ("ee", "ee_base", "base")
 """An environment is measured in the first of these that it supports."""
@@ -103,7 +102,7 @@ class HabBenchEnv:
 
     def __init__(self, factory: HabEnvFactory) -> None:
         self._episodes = [factory.episodes_in(scene) for scene in factory.scenes]
-        self._control = control_of(factory.env_id)
+        self._env_id = factory.env_id
         self._scene = 0
         self._episode = 0
         self._env = factory.make_env()
@@ -114,8 +113,8 @@ class HabBenchEnv:
         self._reset(reconfigure=False)
         episode = self._episodes[self._scene][self._episode]
         still = Motion(count=1, seed=0, arm=False)
-        idle = actions_of(self._control, still, episode)[0]
-        return time_steps(self._env, idle, actions_of(self._control, motion, episode))
+        idle = actions_of(self._env_id, still, episode)[0]
+        return time_steps(self._env, idle, actions_of(self._env_id, motion, episode))
 
     def soft_reset(self) -> float:
         """See `BenchEnv`."""
@@ -156,14 +155,14 @@ def motion_of(control: str, count: int, seed: int) -> Motion:
     return Motion(count=count, seed=seed, arm=arm, base=base)
 
 
-def actions_of(control: str, motion: Motion, episode: Episode) -> Tensor:
+def actions_of(env_id: str, motion: Motion, episode: Episode) -> Tensor:
     """Returns the actions (count, A) of a motion; an object held at the start stays held."""
-    parts = []
+    control, robot, parts = control_of(env_id), ENVS[env_id].env.robot, []
     if control.startswith("ee"):
         gripper = RELEASE if episode.held is None else HOLD
         parts += [motion.arm_steps_m() / EE_STEP_M, torch.full((motion.count, 1), gripper)]
     if control.endswith("base"):
-        largest = torch.tensor([FETCH.base_linear_speed_m_s, FETCH.base_angular_speed_rad_s])
+        largest = torch.tensor([robot.base_linear_speed_m_s, robot.base_angular_speed_rad_s])
         parts.append(motion.base_speeds() / largest)
     return torch.cat(parts, dim=1)
 

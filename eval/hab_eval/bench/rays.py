@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_eval.bench.comparison import alternate, hab_env, motions, reference, step_rows
-from hab_eval.bench.hab_env import HabBenchEnv, HabEnvFactory, actions_of, control_of
+from hab_eval.bench.hab_env import HabBenchEnv, HabEnvFactory, actions_of
 from hab_eval.bench.process import Motion, RemoteEnv, StepTiming
 from hab_eval.bench.report import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import DENSE_SCENE, FIRST_SCENE, PICK, BenchOptions, Suite, WriteLine
@@ -74,7 +74,7 @@ class ImageEnv(HabBenchEnv):
         episode = self._episodes[self._scene][self._episode]
         base, total_s = self._env.unwrapped, 0.0
         base.look()  # the first images of a layout prepare its meshes
-        for action in actions_of(self._control, motion, episode)[:, None]:
+        for action in actions_of(self._env_id, motion, episode)[:, None]:
             self._env.step(action)
             started = time.perf_counter()
             base.look()
@@ -201,7 +201,7 @@ def _views_mm(env: Any, factory: HabEnvFactory) -> Iterator[NDArray[np.float32]]
     for episode in factory.episodes_in(factory.scenes[0]):
         env.reset(seed=episode.seed, options={"episode": episode})
         motion = Motion(count=5, seed=episode.seed % 2**31)
-        for action in actions_of(control_of(factory.env_id), motion, episode)[:, None]:
+        for action in actions_of(factory.env_id, motion, episode)[:, None]:
             obs, *_ = env.step(action)
         for images in obs["sensor_data"].values():
             yield 1e3 * CAMERA_DEPTH_MAX_M * images["depth"][0, :, :, 0].numpy()

@@ -208,6 +208,7 @@ class VectorEnv:
 
     def __init__(self, options: BenchOptions, env_id: str, scene: str, count: int) -> None:
         """Starts `count` processes."""
+        self._env_id = env_id
         factory, self._control, self._episode = _factory(options, env_id, scene)
         with _reporting_lost_processes():
             self._env = AsyncVectorEnv(
@@ -220,7 +221,7 @@ class VectorEnv:
         """Resets all environments and steps each `count` times; returns their total steps/s."""
         size = self._env.num_envs
         motion = motion_of(self._control, count, seed)
-        actions = actions_of(self._control, motion, self._episode).numpy()
+        actions = actions_of(self._env_id, motion, self._episode).numpy()
         together = np.repeat(actions[:, None], size, axis=1)
         with _reporting_lost_processes():
             self._env.reset(seed=self._episode.seed, options={"episode": self._episode})

@@ -18,7 +18,6 @@ from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.captions import LEGEND
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
-from hab_tasks.robots.fetch import FETCH
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
@@ -134,17 +133,17 @@ def continuous_control(env_id: str) -> str:
     return next(mode for mode in modes if not mode.endswith("_discrete"))
 
 
-def action_size(control_mode: str) -> int:
+def action_size(env_id: str, control_mode: str) -> int:
     """Returns the number of action entries of a control mode."""
-    return _control(control_mode).size
+    return _control(env_id, control_mode).size
 
 
-def gripper_entry(control_mode: str) -> int | None:
+def gripper_entry(env_id: str, control_mode: str) -> int | None:
     """Returns the index of the gripper's action entry; None for modes without arm."""
-    return _control(control_mode).arm_size or None
+    return _control(env_id, control_mode).arm_size or None
 
 
-def _control(control_mode: str) -> HabControllerConfig:
+def _control(env_id: str, control_mode: str) -> HabControllerConfig:
     from hab_tasks.robots.control import control_configs  # loads the simulator
 
-    return control_configs(FETCH)[control_mode]
+    return control_configs(hab_tasks.ENVS[env_id].env.robot)[control_mode]

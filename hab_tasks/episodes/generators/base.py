@@ -28,7 +28,6 @@ from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotSt
 from hab_tasks.episodes.spots import Spot, find_spots
 from hab_tasks.errors import GenerationError, RejectedSampleError
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
@@ -53,14 +52,14 @@ class Objects:
     Attributes:
         templates: Name -> template of all loaded objects.
         names: Names to sample clutter and targets from.
-        receptacles: Receptacles of Pick, Place and Navigate; None for the skill's own.
         robot: The robot that starts there.
+        receptacles: Receptacles of Pick, Place and Navigate; None for the skill's own.
     """
 
     templates: dict[str, ObjectTemplate]
     names: tuple[str, ...]
+    robot: RobotSpec
     receptacles: tuple[str, ...] | None = None
-    robot: RobotSpec = FETCH
 
 
 class Generator(ABC):
@@ -187,7 +186,7 @@ class Generator(ABC):
         """
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], yaw_rad)
         q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
-        ee_m = ee_in_world(self.kinematics, robot.base, np.array(robot.arm_qpos_rad))
+        ee_m = ee_in_world(self.kinematics, robot.base, robot.arm_pose(self.objects.robot))
         return rounded(pose(ee_m - quaternions.rotate_vector(com_m, q), q))
 
     def draw(self, rng: np.random.Generator, count: int) -> list[str]:

@@ -8,10 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.navigation.paths import descend
 
 AHEAD_CELLS = 8
@@ -37,7 +35,6 @@ ASIDE_RAD, FACED_ASIDE_RAD = 0.8, 1.2
 points to the goal, the second is enough. It then turns little at the goal, and a policy that
 imitates it keeps looking at what it will have to do with."""
 
-_STEP_RAD = FETCH.base_angular_speed_rad_s / CONTROL_HZ
 _TURNS = (-1.0, -0.5, 0.0, 0.5, 1.0)
 
 
@@ -76,17 +73,17 @@ class ShortestPathFollower:
         self,
         map_: FloorMap,
         goal: Array,
-        repeat: int = 1,
+        turn_rad: float,
         *,
         arrived_m: float = ARRIVED_M,
         arrived_rad: float = ARRIVED_RAD,
     ) -> None:
         """Follows paths on a map to a goal (3,): x, y [m] and yaw [rad].
 
-        Each action is executed for `repeat` steps.
+        `turn_rad` is what an action turns the base at full speed.
         """
         self._arrived_m, self._arrived_rad = arrived_m, arrived_rad
-        self._map, self._goal, self._turn_rad = map_, goal, repeat * _STEP_RAD
+        self._map, self._goal, self._turn_rad = map_, goal, turn_rad
         self._end_m = map_.nearest_free(self._goal[:2])
         self._field = map_.geodesic_field(self._end_m)
 

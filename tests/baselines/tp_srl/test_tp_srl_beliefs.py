@@ -10,7 +10,7 @@ from hab_navigator.network import HEADINGS
 from hab_navigator.views import SIDE
 from hab_spa.sensing.cloud import DepthView
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import Fronts, is_there
+from hab_tp_srl.fronts import Fronts, changed, is_there
 from hab_tp_srl.navigators import LearnedNavigator
 from hab_tp_srl.providers import InTurn
 from hab_tp_srl.sight import Look
@@ -54,16 +54,22 @@ def test_a_door_is_open_once_the_hand_has_pulled_it_far_enough():
 
 
 def test_a_placed_object_is_believed_where_something_has_appeared():
-    """Things stand 10 cm before a wall 1 m ahead, where pixels are 0.9 cm apart."""
+    """Things stand on a table 1 m below; they are 10 cm high, and pixels 0.9 cm apart there."""
     depth_m, own = np.ones((100, 100)), np.zeros((100, 100), dtype=bool)
     depth_m[70:72, 70:72] = 0.9  # too small
-    depth_m[74:80, 70:76] = 0.9  # y 0.2205 to 0.2655, x 0.1845 to 0.2295
+    depth_m[74:80, 70:76] = 0.9  # y -0.2205 to -0.2655, x 0.1845 to 0.2295
     depth_m[60:66, 92:98] = 0.9  # as large, but farther from the goal
     depth_m[68:72, 74:80], own[68:72, 74:80] = 0.9, True  # the robot's own hand
     after, empty = look(depth_m, own=own), look(np.ones((100, 100)))
-    goal_m = np.array((0.18, 0.18, 0.9))
-    np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.207, 0.243, 0.9))
+    goal_m = np.array((0.18, -0.18, -0.9))
+    np.testing.assert_allclose(after.appeared_m(empty, goal_m), (0.207, -0.243, -0.9))
     assert empty.appeared_m(after, goal_m) is None
+    in_hand = np.ones((100, 100))
+    in_hand[60:90, 60:90] = 0.5  # what was held hid the table there, and where the object is now
+    np.testing.assert_allclose(after.appeared_m(look(in_hand), goal_m), (0.207, -0.243, -0.9))
+    np.testing.assert_allclose(
+        look(in_hand).held_m(np.array((0.12, -0.12, -0.5))), (0.125, -0.125, -0.5)
+    )
 
 
 @pytest.mark.parametrize(
@@ -73,18 +79,21 @@ def test_a_placed_object_is_believed_where_something_has_appeared():
         (0.04, 0, True),  # a drawer may stand 5 cm out
         (0.08, 0, False),
         (-0.3, 0, False),  # there is nothing but what is behind an open door
-        (0.0, 45, True),  # the robot hides a third of the front
+        (0.0, 60, True),  # the robot hides more than half of the front
         (0.0, 99, None),
     ],
 )
 def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
     out_m, hidden, closed
 ):
-    """A wall 1 m ahead; pixels are 1 cm apart there."""
-    fronts, before = Fronts(), look(np.ones((100, 100)))
+    """A front 1 m away, with a wall above 20 rows of pixels, which are 1 cm apart there."""
+    fronts, before, opened = Fronts(), look(np.ones((100, 100))), np.full((100, 100), 1.5)
     fronts.see(0, before.surfaces_m)
     assert not len(fronts.of(0))  # it has not been grasped
-    fronts.touch(0, np.array((0.0, 0.0, 0.95)))
+    fronts.touch(0, np.array((0.0, 0.0, -0.95)))
+    opened[:20] = 1.0
+    fronts.keep(0, lambda points_m: changed(look(opened), points_m))
+    assert fronts.of(0)[:, 1].max() < 0.3  # without the wall
     own = np.zeros((100, 100), dtype=bool)
     own[:, :hidden] = True
     now = look(np.full((100, 100), 1.0 - out_m), own=own)
@@ -102,7 +111,7 @@ def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
     ],
 )
 def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, took_other):
-    """Objects stand 10 cm before a wall 1 m ahead, where pixels are 0.9 cm apart."""
+    """Objects of 10 cm stand 1 m below, where pixels are 0.9 cm apart."""
     depth_m = np.ones((100, 100))
     for row, column, size in gone:
         depth_m[row : row + size, column : column + size] = 0.9
@@ -110,7 +119,7 @@ def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, took_o
     view.felt = FeltBeliefs(STARTS_M, GOALS_M, [])
     view.felt.held, view._located = 0, (0.0, 0.0, 0.0)
     view.look = lambda robot: look(np.ones((100, 100)))
-    assert view.took_other(FETCH, before, np.array((0.0, -0.01, 0.9))) is took_other
+    assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is took_other
 
 
 def test_what_has_moved_is_driven_to_anew():
@@ -174,17 +183,17 @@ def stage(skill, number, articulation=None):
 
 
 def look(depth_m, own=None):
-    """A look of a camera at the origin along z, with the camera's axes as the base's."""
+    """A look down from the origin, with the base's x to the right."""
     view = DepthView(
         depth_m=depth_m,
         focal_px=np.full(2, 100.0),
         centre_px=np.array(depth_m.shape[::-1]) / 2,
         world_from_camera=np.eye(4),
     )
+    down = np.diag((1.0, -1.0, -1.0, 1.0))
     return Look(
-        depth_m=depth_m,
-        points_m=view.points_m,
+        points_m=view.points_m @ down[:3, :3],
         own=np.zeros(depth_m.shape, dtype=bool) if own is None else own,
         view=view,
-        base_from_world=np.eye(4),
+        base_from_world=down,
     )

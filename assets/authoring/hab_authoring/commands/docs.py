@@ -24,6 +24,7 @@ from hab_tasks.envs import ENVS, EnvEntry
 from hab_tasks.io.files import check_file, written_aside
 from hab_tasks.registration import ENTRY_POINTS
 from hab_tasks.rendering import resolve_backend
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.control import HabControllerConfig, control_configs
 from hab_tasks.robots.control_modes import (
     BASE_CELLS,
@@ -31,7 +32,6 @@ from hab_tasks.robots.control_modes import (
     STOP_CELL,
     STOP_SHARE,
 )
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.tasks.task_env import TaskEnv
 from hab_tasks.tasks.task_rules import SHOWN
 
@@ -299,7 +299,7 @@ def _observations() -> str:
 def _actions() -> tuple[str, str]:
     """Returns the table of all control modes, and its notes."""
     modes = dict.fromkeys(mode for entry in ENVS.values() for mode in entry.env.control_modes)
-    configs = control_configs(FETCH)
+    configs = control_configs(DEFAULT_ROBOT)
     table = _table(
         ("control mode", "entries", "arm", "base"),
         [
@@ -307,7 +307,7 @@ def _actions() -> tuple[str, str]:
             for m, c in ((mode, configs[mode]) for mode in modes)
         ],
     )
-    linear, angular = FETCH.base_linear_speed_m_s, FETCH.base_angular_speed_rad_s
+    linear, angular = DEFAULT_ROBOT.base_linear_speed_m_s, DEFAULT_ROBOT.base_angular_speed_rad_s
     forward, turning = (_numbers(sorted({cell[i] for cell in BASE_CELLS})) for i in (0, 1))
     notes = f"""\
 - Gripper: >= 0 grasps, < 0 releases.

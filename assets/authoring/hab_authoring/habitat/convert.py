@@ -46,7 +46,6 @@ from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, RobotStart, load_json, naming
 from hab_tasks.errors import EpisodeError, GenerationError, RejectedSampleError
 from hab_tasks.geometry import Pose7
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.typed_values import read_value
 from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset
@@ -222,12 +221,12 @@ def draw_starts(
 def _with_start(episode: Episode, sandbox: PlacementSandbox) -> Episode:
     pose_scene(sandbox, episode.objects, episode.joints)
     rng = np.random.default_rng(episode.seed)
-    starts = RobotStarts(sandbox, rng, ArmKinematics(FETCH), _AT_REST)
+    starts = RobotStarts(sandbox, rng, ArmKinematics(sandbox.robot), _AT_REST)
     for _ in range(_TRIES):
         try:
             base = starts.anywhere().base
         except RejectedSampleError:
             continue
-        robot = RobotStart(base=base, arm_qpos_rad=FETCH.rest_qpos_rad)
+        robot = RobotStart.of(sandbox.robot, base, sandbox.robot.rest_qpos_rad)
         return replace(episode, robot=robot, habitat={**episode.habitat, START: list(base)})
     raise GenerationError(f"{episode.id}: no free floor for the robot in {episode.scene_id}.")

@@ -35,7 +35,7 @@ from hab_tasks.episodes.schema import (
 )
 from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import WORLD_FROM_HABITAT, Array, Pose7, from_matrix, to_matrix
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.typed_values import number, read_value
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_scene
@@ -224,7 +224,9 @@ class HabitatEntries:
             id=episode_id,
             scene_id=scene_id,
             seed=zlib.crc32(f"{scene_id}/{episode_id}".encode()) >> 1,
-            robot=RobotStart(base=read_base(entry, where), arm_qpos_rad=FETCH.rest_qpos_rad),
+            robot=RobotStart.of(
+                DEFAULT_ROBOT, read_base(entry, where), DEFAULT_ROBOT.rest_qpos_rad
+            ),
             objects=objects,
             targets=self._targets(entry, layout, objects, where),
             joints=joints,

@@ -31,8 +31,8 @@ from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE
 from hab_tasks.errors import DatasetError, HabError, RenderingUnavailableError
 from hab_tasks.geometry import Array, Pose7, planar
 from hab_tasks.rendering import ADVICE, software_vulkan_works, use_default_shaders
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.cameras import camera_pose
-from hab_tasks.robots.fetch import FETCH
 from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.build import to_sapien
 from hab_tasks.world.scenes.fields import read_json
@@ -263,7 +263,7 @@ class HeadCamera(Showroom):
         self._camera = self.scene.add_camera(
             "head", CAMERA_SIZE_PX, CAMERA_SIZE_PX, CAMERA_HFOV_RAD, NEAR_M, CAMERA_DEPTH_MAX_M
         )
-        self._base_from_camera = camera_pose(FETCH.cameras["head"])
+        self._base_from_camera = camera_pose(DEFAULT_ROBOT.cameras["head"])
 
     def depth_m(self, world_from_base: Pose7) -> Array:
         """Returns the depth (H, W) [m]; the maximum without a hit."""

@@ -43,7 +43,7 @@ def time_path_within(path: Array, steps: int, config: TimingConfig) -> Array:
 
 
 def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
-    """Returns the joint targets (T, 7), one per control step, along a path (K, 7).
+    """Returns the joint targets (T, J), one per control step, along a path (K, J).
 
     `pace` multiplies the three limits of the config. The first target is one step from the start,
     the last is the end of the path.
@@ -121,7 +121,7 @@ class FollowConfig:
 
 
 class Follower:
-    """Yields the targets (T, 7) of one path, one per control step.
+    """Yields the targets (T, J) of one path, one per control step.
 
     Attributes:
         bumped: Whether the last displacement of the arm indicates contact.
@@ -141,21 +141,21 @@ class Follower:
 
     @property
     def target(self) -> Array:
-        """The latest joint target (7,) [rad]."""
+        """The latest joint target (J,) [rad]."""
         return self._targets[max(self._index - 1, 0)]
 
     @property
     def rest(self) -> Array:
-        """The remaining joint targets (T, 7) [rad]."""
+        """The remaining joint targets (T, J) [rad]."""
         return self._targets[self._index :]
 
     @property
     def way_back(self) -> Array:
-        """The past joint targets (T, 7) [rad], latest first."""
+        """The past joint targets (T, J) [rad], latest first."""
         return self._targets[: self._index][::-1]
 
     def advance(self, qpos: Array) -> Array:
-        """Returns the next target (7,) for the current joint positions (7,)."""
+        """Returns the next target (J,) for the current joint positions (J,)."""
         self._feel(qpos)
         error = float(np.abs(qpos - self.target).max()) if self._index else 0.0
         self._lost_steps = self._lost_steps + 1 if error > self._config.lost_rad else 0
@@ -181,7 +181,7 @@ class Follower:
         return self._lost_steps > self._config.lost_steps
 
     def settled(self, qpos: Array) -> bool:
-        """Whether the arm (7,) has settled at the end of the path, or its time for that is over."""
+        """Whether the arm (J,) has settled at the end of the path, or its time for that is over."""
         if not self.at_end:
             return False
         near = float(np.abs(qpos - self.target).max()) <= self._config.settled_rad

@@ -42,7 +42,7 @@ def follow(
     timing: TimingConfig | None = None,
     near_rad: float | None = None,
 ) -> Motion:
-    """Moves the arm along a path (K, 7).
+    """Moves the arm along a path (K, J).
 
     Args:
         robot: The robot.
@@ -81,7 +81,7 @@ def follow(
 
 
 def sampled(robot: Robot, sample: Callable[[], Array]) -> Array:
-    """Samples joint goals (G, 7), and adds the time to the robot's timings."""
+    """Samples joint goals (G, J), and adds the time to the robot's timings."""
     began = time.perf_counter()
     goals = sample()
     robot.spend("target", time.perf_counter() - began)
@@ -97,7 +97,7 @@ def go(
     near_rad: float | None = None,
     plan: PlanConfig | None = None,
 ) -> Motion:
-    """Plans a path from the current arm pose to a goal (G, 7), best first, and follows it.
+    """Plans a path from the current arm pose to a goal (G, J), best first, and follows it.
 
     `collision` must be the current model; `plan` defaults to the robot's planner parameters. See
     `follow` for the other arguments.

@@ -112,7 +112,7 @@ class Robot:
 
     @property
     def arm_target_rad(self) -> Array:
-        """The latest commanded arm pose (7,)."""
+        """The latest commanded arm pose (J,)."""
         return self._arm_rad
 
     @property
@@ -153,7 +153,7 @@ class Robot:
     def plan(
         self, goals: Array, collision: ArmCollision, limits: PlanConfig | None = None
     ) -> PathResult:
-        """Plans a path from the current arm pose to one of the goals (G, 7), best first.
+        """Plans a path from the current arm pose to one of the goals (G, J), best first.
 
         Args:
             goals: The goals, near obstacles.

@@ -68,7 +68,7 @@ class PlanConfig:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Ends:
-    """Arm poses (7,) [rad] to connect; the tight end is near obstacles."""
+    """Arm poses (J,) [rad] to connect; the tight end is near obstacles."""
 
     open: Array
     tight: Array
@@ -168,7 +168,7 @@ def _arm(kinematics: type[BatchArm], robot: RobotSpec) -> BatchArm:
 
 
 def path_rad(path: Array) -> float:
-    """Returns the length of a path (K, 7): the largest joint displacement, summed over edges."""
+    """Returns the length of a path (K, J): the largest joint displacement, summed over edges."""
     return float(np.abs(np.diff(path, axis=0)).max(axis=1).sum())
 
 

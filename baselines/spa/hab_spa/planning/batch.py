@@ -42,7 +42,7 @@ class Shapes(NamedTuple):
     In `place`, `local_m` and `span`, one row more is scratch: a single voxel, as a box.
 
     Attributes:
-        chain: (7, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
+        chain: (J, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
         box_m: (6, S) bounding boxes of static shapes in the arm's root frame, rounded outwards.
         place: (N + 1, 12) poses of static shapes in the root frame, of moving ones in their
             joint's.
@@ -71,7 +71,7 @@ class Shapes(NamedTuple):
 
 
 EMPTY = Shapes(
-    chain=np.zeros((7, 13)),
+    chain=np.zeros((0, 13)),
     box_m=np.zeros((6, 0), dtype=np.float32),
     place=np.zeros((1, 12)),
     local_m=np.zeros((1, 9)),
@@ -89,14 +89,14 @@ class Scratch(NamedTuple):
     """Arrays that the kernel writes.
 
     Attributes:
-        joints: (9, 12) poses of the root and the joints.
+        joints: (J + 2, 12) poses of the root and the joints, and scratch.
         placed: (N + 1, 12) poses of the shapes.
         w, weight: (4, 3) a simplex and the weights (4,) of its corners.
         near: (S,) whether a static shape is near; padded to a multiple of eight.
         eight: The same memory, eight shapes at a time.
         centre_m: (M, 3) centres of moving shapes.
         todo: (P, 2) pairs that are near.
-        pose: (1, 7) an arm pose.
+        pose: (1, J) an arm pose.
         reach_m: (1,) the largest margin.
     """
 
@@ -256,7 +256,7 @@ def blocks_of(
 
 
 def chain_of(model: pin.Model) -> Array:
-    """Returns the joints (7, 13) of the arm: placements and axes."""
+    """Returns the joints (J, 13) of the arm: placements and axes."""
     rows = []
     # Pinocchio's first joint is the world.
     for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
@@ -274,8 +274,8 @@ def kernel() -> Any:
 def _compile(module: Any) -> None:
     """Checks no poses in an empty model, which compiles the kernel or reads it from the cache."""
     pairs, answers = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
-    module.undecided(EMPTY, np.zeros((1, 7)), pairs, answers)
-    module.check(EMPTY, np.zeros((0, 7)), True, answers)
+    module.undecided(EMPTY, np.zeros((1, 0)), pairs, answers)
+    module.check(EMPTY, np.zeros((0, 0)), True, answers)
 
 
 @lru_cache(maxsize=1)
@@ -286,8 +286,8 @@ def ik_kernel() -> Any:
 
 def _compile_ik(module: Any) -> None:
     """Moves no poses."""
-    chain, limits, none = np.zeros((7, 13)), np.zeros((2, 7)), np.zeros((0, 3))
-    poses, numbers = np.zeros((0, 7)), np.zeros(0)
+    chain, limits, none = EMPTY.chain, np.zeros((2, 0)), np.zeros((0, 3))
+    poses, numbers = np.zeros((0, 0)), np.zeros(0)
     module.solve(chain, limits, np.zeros(9), poses, none, np.zeros(4), numbers)
     module.track(chain, limits, np.zeros(3), poses, np.zeros((0, 12)), numbers, 3)
     module.positions(chain, np.zeros(3), poses, none)
@@ -301,8 +301,8 @@ def search_kernel() -> Any:
 
 def _compile_search(module: Any) -> None:
     """Searches in an empty model, from and to nowhere."""
-    trees, parents = np.zeros((2, 0, 7)), np.zeros((2, 0), dtype=np.int64)
+    trees, parents = np.zeros((2, 0, 0)), np.zeros((2, 0), dtype=np.int64)
     none, checks = np.zeros((0, 3)), np.zeros(1, dtype=np.int64)
     module.connect(EMPTY, trees, parents, none, 1.0, 1.0, 0, checks)
-    module.first_free(EMPTY, np.zeros((1, 7)), np.zeros((0, 7)), 1.0, checks)
-    module.shorten(EMPTY, np.zeros((0, 7)), 0, none, 1, 1.0, 1.0, checks)
+    module.first_free(EMPTY, np.zeros((1, 0)), np.zeros((0, 0)), 1.0, checks)
+    module.shorten(EMPTY, np.zeros((0, 0)), 0, none, 1, 1.0, 1.0, checks)

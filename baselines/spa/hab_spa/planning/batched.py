@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from hab_spa.planning import rrt
 from hab_spa.planning.batch import search_kernel
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.rrt import DIMENSION, Limit, RrtConfig
+from hab_spa.planning.rrt import Limit, RrtConfig
 from hab_spa.shapes import Array
 
 MOST_NODES = 4_000
@@ -21,11 +21,12 @@ def connect(
     """As `rrt.connect`; where coal has to confirm an end, OMPL searches."""
     if not collision.are_clear(np.stack((start, goal))):
         return rrt.connect(collision, start, goal, seed, limit, config)
-    trees, parents = np.empty((2, MOST_NODES, DIMENSION)), np.zeros((2, MOST_NODES), dtype=np.int64)
+    trees = np.empty((2, MOST_NODES, len(start)))
+    parents = np.zeros((2, MOST_NODES), dtype=np.int64)
     trees[0, 0], trees[1, 0] = start, goal
     rng = np.random.default_rng(seed)
     # Drawn here, as numba's generator is seeded apart from numpy's.
-    samples = rng.uniform(*collision.limits_rad, (MOST_NODES, DIMENSION))
+    samples = rng.uniform(*collision.limits_rad, (MOST_NODES, len(start)))
     checks = np.zeros(1, dtype=np.int64)
     met = search_kernel().connect(
         collision.shapes,
@@ -60,7 +61,7 @@ def first_free(
 
 
 def _way(tree: Array, parent: NDArray[np.int64], node: int) -> Array:
-    """Returns the poses (K, 7) from the root of a tree to a node."""
+    """Returns the poses (K, J) from the root of a tree to a node."""
     numbers = [node]
     while numbers[-1]:
         numbers.append(int(parent[numbers[-1]]))
@@ -74,7 +75,7 @@ def shorten(
     # A cut may add vertices before it removes others.
     if len(path) > MOST_VERTICES // 2:
         return rrt.shorten(collision, path, seed, deadline_s, config)
-    room, checks = np.empty((MOST_VERTICES, DIMENSION)), np.zeros(1, dtype=np.int64)
+    room, checks = np.empty((MOST_VERTICES, path.shape[1])), np.zeros(1, dtype=np.int64)
     room[: len(path)] = path
     draws = np.random.default_rng(seed).uniform(size=(config.passes * config.shortcuts, 3))
     size = search_kernel().shorten(

@@ -64,7 +64,7 @@ class ArmCollision:
 
     Attributes:
         robot: The robot.
-        limits_rad: Lower and upper limits (7,) of its arm.
+        limits_rad: Lower and upper limits (J,) of its arm.
         checks: Number of collision checks so far.
         base_from_arm: (4, 4) pose of the arm model's root (torso as in `robot.locked_qpos`) in
             the base frame; differs from the identity when the torso stands elsewhere.
@@ -110,11 +110,11 @@ class ArmCollision:
         self.set_margin(self.config.margin_m)
 
     def is_free(self, qpos: Array) -> bool:
-        """Whether the arm pose (7,) [rad] keeps every pair's margin."""
+        """Whether the arm pose (J,) [rad] keeps every pair's margin."""
         return self.free_until(qpos[None]) == 1
 
     def free_until(self, poses: Array) -> int:
-        """Returns the number of arm poses (B, 7) [rad] before the first that is not free."""
+        """Returns the number of arm poses (B, J) [rad] before the first that is not free."""
         first = 0
         while first < len(poses):
             # The kernel stops at the first pose that it does not call free; coal is
@@ -142,12 +142,12 @@ class ArmCollision:
         return self._shapes
 
     def are_clear(self, poses: Array) -> bool:
-        """Whether all arm poses (B, 7) are free by the kernel's answer alone."""
+        """Whether all arm poses (B, J) are free by the kernel's answer alone."""
         self.checks += len(poses)
         return bool((self._answers(poses) == batch.FREE).all())
 
     def are_free(self, poses: Array) -> NDArray[np.bool_]:
-        """Whether arm poses (B, 7) [rad] keep every pair's margin, (B,)."""
+        """Whether arm poses (B, J) [rad] keep every pair's margin, (B,)."""
         self.checks += len(poses)
         answers = self._answers(poses)
         free = answers == batch.FREE
@@ -156,7 +156,7 @@ class ArmCollision:
         return free
 
     def contacts(self, qpos: Array) -> list[Contact]:
-        """Returns all pairs of shapes closer than their margin at an arm pose (7,)."""
+        """Returns all pairs of shapes closer than their margin at an arm pose (J,)."""
         found = []
         for pair in self._undecided(qpos, (batch.HIT, batch.UNSURE)):
             first, second = self._pair(pair)
@@ -203,7 +203,7 @@ class ArmCollision:
         self._set_margins(margins_m)
 
     def relax(self, qpos: Array, touch_m: float = 0.001) -> list[Contact]:
-        """Lowers the margins violated at an arm pose (7,), so that the pose is free.
+        """Lowers the margins violated at an arm pose (J,), so that the pose is free.
 
         Args:
             qpos: The arm pose [rad].
@@ -277,7 +277,7 @@ class ArmCollision:
         self._shapes.margin_m[self._entries] = self._margins_m
 
     def _answers(self, poses: Array, *, until_other: bool = False) -> NDArray[np.uint8]:
-        """Returns the kernel's answers for arm poses (B, 7), or for the first ones of them."""
+        """Returns the kernel's answers for arm poses (B, J), or for the first ones of them."""
         answers = np.empty(len(poses), dtype=np.uint8)
         poses = np.ascontiguousarray(poses, dtype=np.float64)
         return answers[: batch.kernel().check(self._shapes, poses, until_other, answers)]

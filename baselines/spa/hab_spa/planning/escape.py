@@ -62,11 +62,11 @@ class EscapeConfig:
 
 
 def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig) -> Array:
-    """Moves the arm (7,) and the held object out of contact.
+    """Moves the arm (J,) and the held object out of contact.
 
     Returns:
-        The path (K, 7) including the start; only the start (1, 7) if it is free already; empty
-        (0, 7) if no direction succeeds. The margins of `collision` are changed.
+        The path (K, J) including the start; only the start (1, J) if it is free already; empty
+        (0, J) if no direction succeeds. The margins of `collision` are changed.
     """
     for margin_m in config.margins_m:
         collision.set_margin(margin_m)
@@ -76,13 +76,13 @@ def escape(collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeC
             path = _out_of_contact(collision, arm, start, direction, margin_m, config)
             if path is not None:
                 return path
-    return np.zeros((0, 7))
+    return np.zeros((0, len(start)))
 
 
 def retreats(
     collision: ArmCollision, arm: BatchArm, start: Array, config: EscapeConfig
 ) -> list[Array]:
-    """Returns the collision-free retreats (K, 7), K > 1, from an arm pose (7,).
+    """Returns the collision-free retreats (K, J), K > 1, from an arm pose (J,).
 
     They keep the current margins of `collision`.
     """
@@ -134,7 +134,7 @@ def _line(
     steps: int,
     config: EscapeConfig,
 ) -> Iterator[Array]:
-    """Yields the arm poses (7,) along a line, as far as the arm can follow it."""
+    """Yields the arm poses (J,) along a line, as far as the arm can follow it."""
     goal, qpos = arm.ee_pose(start).copy(), start
     for _ in range(steps):
         # From the last goal, not from where the hand has got to: deviations would add up.

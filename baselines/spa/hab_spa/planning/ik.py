@@ -57,12 +57,12 @@ class Tool:
 
 
 class BatchArm:
-    """End-effector position and Jacobian of the arm for (B, 7) poses, in the arm's root frame.
+    """End-effector position and Jacobian of the arm for (B, J) poses, in the arm's root frame.
 
     Attributes:
         robot: The robot.
-        limits_rad: Lower and upper limits (7,).
-        rest_rad: (7,) resting pose.
+        limits_rad: Lower and upper limits (J,).
+        rest_rad: (J,) resting pose.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -77,20 +77,20 @@ class BatchArm:
         self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
 
     def random(self, rng: np.random.Generator, count: int) -> Array:
-        """Samples arm poses (count, 7) within the limits."""
+        """Samples arm poses (count, J) within the limits."""
         return rng.uniform(*self.limits_rad, (count, len(self.rest_rad)))
 
     def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
-        """Returns (B, 3) positions [m] and (B, 3, 7) Jacobians [m/rad] of poses (B, 7) [rad]."""
+        """Returns (B, 3) positions [m] and (B, 3, J) Jacobians [m/rad] of poses (B, J) [rad]."""
         position, jacobian, _, _ = self._chain(qpos, np.zeros(3))
         return position, jacobian
 
     def points_m(self, qpos: Array, tool: Tool) -> Array:
-        """Returns the positions (B, 3) of a tool in the arm's root frame, for poses (B, 7)."""
+        """Returns the positions (B, 3) of a tool in the arm's root frame, for poses (B, J)."""
         return self._chain(qpos, tool.point_m)[0]
 
     def tilts_rad(self, qpos: Array, tool: Tool) -> Array:
-        """Returns the tilts (B,) of a tool, for poses (B, 7)."""
+        """Returns the tilts (B,) of a tool, for poses (B, J)."""
         up = self._chain(qpos, tool.point_m)[3] @ tool.up
         return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
 
@@ -99,7 +99,7 @@ class BatchArm:
         batch = len(qpos)
         rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
         position = np.zeros((batch, 3))
-        axes, origins = np.empty((batch, 7, 3)), np.empty((batch, 7, 3))
+        axes, origins = np.empty((2, batch, len(self._axes), 3))
         for i, (axis, placement) in enumerate(zip(self._axes, self._placements, strict=True)):
             position = position + rotation @ placement.translation
             rotation = rotation @ placement.rotation
@@ -114,12 +114,12 @@ class BatchArm:
     def solve(
         self, qpos: Array, targets_m: Array, config: IkConfig, tool: Tool | None = None
     ) -> tuple[Array, NDArray[np.bool_]]:
-        """Moves arm poses (B, 7) to targets (B, 3) of the end-effector, or of a tool.
+        """Moves arm poses (B, J) to targets (B, 3) of the end-effector, or of a tool.
 
         Targets are in the arm's root frame, whose z points up.
 
         Returns:
-            The poses (B, 7), within the limits, and whether each reached its target (B,) bool.
+            The poses (B, J), within the limits, and whether each reached its target (B,) bool.
         """
         qpos = np.array(qpos)
         active = np.arange(len(qpos))
@@ -151,14 +151,14 @@ class BatchArm:
         return qpos, reached
 
     def ee_pose(self, qpos: Array) -> Array:
-        """Returns the end-effector's pose (4, 4) in the arm's root frame, for one pose (7,)."""
+        """Returns the end-effector's pose (4, 4) in the arm's root frame, for one pose (J,)."""
         pin.forwardKinematics(self._model, self._data, qpos)
         return pin.updateFramePlacement(self._model, self._data, self._frame_id).homogeneous
 
     def track_pose(
         self, qpos: Array, arm_from_ee: Array, steps: int, turn_weight_m: float
     ) -> Array:
-        """Moves one arm pose (7,) to an end-effector pose (4, 4) by `steps` damped iterations.
+        """Moves one arm pose (J,) to an end-effector pose (4, 4) by `steps` damped iterations.
 
         `turn_weight_m` is the weight of an orientation error [m/rad].
         """
@@ -179,7 +179,7 @@ class BatchArm:
     def track_poses(
         self, qpos: Array, arm_from_ee: Array, steps: int, turn_weights_m: Array
     ) -> Array:
-        """Batched `track_pose`: arm poses (B, 7), poses (B, 4, 4) and weights (B,)."""
+        """Batched `track_pose`: arm poses (B, J), poses (B, 4, 4) and weights (B,)."""
         weights = np.ones((len(qpos), 6))
         weights[:, 3:] = turn_weights_m[:, None]
         for _ in range(steps):
@@ -216,7 +216,7 @@ def _righting(up: Array) -> Array:
 
 
 def _damped_step(jacobian: Array, error: Array, damping: float) -> Array:
-    """Returns dq = J^T (J J^T + damping^2 I)^-1 error, for (B, D, 7) and (B, D)."""
+    """Returns dq = J^T (J J^T + damping^2 I)^-1 error, for (B, D, J) and (B, D)."""
     gram = jacobian @ jacobian.transpose(0, 2, 1)
     gram[:, np.arange(gram.shape[1]), np.arange(gram.shape[1])] += damping**2
     return (jacobian.transpose(0, 2, 1) @ np.linalg.solve(gram, error[:, :, None]))[:, :, 0]
@@ -230,7 +230,7 @@ class CompiledArm(BatchArm):
 
     @cached_property
     def _arm(self) -> tuple[Array, Array]:
-        """Joints (7, 13) and limits (2, 7), as the kernel takes them."""
+        """Joints (J, 13) and limits (2, J), as the kernel takes them."""
         return chain_of(self._model), np.stack(self.limits_rad)
 
     @property
@@ -270,7 +270,7 @@ class CompiledArm(BatchArm):
         return qpos
 
     def positions_m(self, qpos: Array) -> Array:
-        """Returns the end-effector's positions (B, 3) at arm poses (B, 7)."""
+        """Returns the end-effector's positions (B, 3) at arm poses (B, J)."""
         positions_m = np.empty((len(qpos), 3))
         ik_kernel().positions(self._arm[0], self._wrist_from_ee_m, qpos, positions_m)
         return positions_m
@@ -288,7 +288,7 @@ class PoseTable:
         """Returns the poses nearest to points (P, 3) in the arm's root frame.
 
         Returns:
-            `count` poses a point (P * count, 7), and the point of each (P * count, 3).
+            `count` poses a point (P * count, J), and the point of each (P * count, 3).
         """
         _, found = self._tree.query(points_m, k=count)
         return self._poses[found.ravel()], np.repeat(points_m, count, axis=0)

@@ -18,8 +18,8 @@ TURN, DAMPING_OF_TRACKING = 3, 0.02
 def _jacobian(
     chain: Floats, joints: Floats, point: tuple[float, float, float], out: Floats
 ) -> None:
-    """Writes the Jacobian (6, 7) of a point: translation, then rotation."""
-    for j in range(7):
+    """Writes the Jacobian (6, J) of a point: translation, then rotation."""
+    for j in range(len(chain)):
         axis = int(chain[j, 12])
         a, b, c = joints[j + 1, axis], joints[j + 1, 3 + axis], joints[j + 1, 6 + axis]
         x = point[0] - joints[j + 1, 9]
@@ -38,7 +38,7 @@ def _move(
     for i in range(rows):
         for k in range(i + 1):
             total = damping * damping if i == k else 0.0
-            for j in range(7):
+            for j in range(jacobian.shape[1]):
                 total += jacobian[i, j] * jacobian[k, j]
             for m in range(k):
                 total -= gram[i, m] * gram[k, m]
@@ -51,7 +51,7 @@ def _move(
         for m in range(i + 1, rows):
             error[i] -= gram[m, i] * error[m]
         error[i] /= gram[i, i]
-    for j in range(7):
+    for j in range(jacobian.shape[1]):
         total = q[b, j]
         for i in range(rows):
             total += jacobian[i, j] * error[i]
@@ -61,14 +61,15 @@ def _move(
 @inlined
 def _righting(joints: Floats, tool: Floats, jacobian: Floats, error: Floats) -> float:
     """Writes the rows of the rotation about x and y that turns a tool upright; returns its tilt."""
-    x = joints[7, 0] * tool[3] + joints[7, 1] * tool[4] + joints[7, 2] * tool[5]
-    y = joints[7, 3] * tool[3] + joints[7, 4] * tool[4] + joints[7, 5] * tool[5]
-    z = joints[7, 6] * tool[3] + joints[7, 7] * tool[4] + joints[7, 8] * tool[5]
+    wrist = jacobian.shape[1]
+    x = joints[wrist, 0] * tool[3] + joints[wrist, 1] * tool[4] + joints[wrist, 2] * tool[5]
+    y = joints[wrist, 3] * tool[3] + joints[wrist, 4] * tool[4] + joints[wrist, 5] * tool[5]
+    z = joints[wrist, 6] * tool[3] + joints[wrist, 7] * tool[4] + joints[wrist, 8] * tool[5]
     across = sqrt(x * x + y * y)
     tilt = atan2(across, z)
     turn = tool[6] * tilt / max(across, 1e-9) * min(1.0, tool[8] / max(tilt, 1e-9))
     error[3], error[4] = turn * y, -turn * x
-    for j in range(7):
+    for j in range(jacobian.shape[1]):
         jacobian[3, j] *= tool[6]
         jacobian[4, j] *= tool[6]
     return tilt
@@ -79,11 +80,11 @@ def solve(
     chain: Floats, limits: Floats, tool: Floats, q: Floats, targets_m: Floats, settings: Floats,
     reached: Floats,
 ) -> None:  # fmt: skip
-    """Moves arm poses (B, 7) to targets (B, 3), as `BatchArm.solve`.
+    """Moves arm poses (B, J) to targets (B, 3), as `BatchArm.solve`.
 
     Args:
         chain: See `Shapes`.
-        limits: (2, 7) lower and upper limits.
+        limits: (2, J) lower and upper limits.
         tool: (9,) point in the wrist's frame, upright direction, weight, tilt and step of `Tool`;
             a weight of 0 for the end-effector.
         q: The poses, changed in place.
@@ -92,8 +93,8 @@ def solve(
         reached: (B,) 1 where the target is reached, else 0.
     """
     joints, jacobian, gram, error = (
-        np.zeros((9, 12)),
-        np.empty((6, 7)),
+        np.zeros((len(chain) + 2, 12)),
+        np.empty((6, len(chain))),
         np.empty((6, 6)),
         np.empty(6),
     )
@@ -102,7 +103,7 @@ def solve(
     for b in range(len(q)):
         for step in range(int(steps) + 1):
             kinematics(chain, q, b, joints)
-            point = out_of(joints, 7, tool[0], tool[1], tool[2])
+            point = out_of(joints, len(chain), tool[0], tool[1], tool[2])
             away2 = 0.0
             for i in range(3):
                 error[i] = targets_m[b, i] - point[i]
@@ -127,10 +128,10 @@ def track(
     chain: Floats, limits: Floats, ee_m: Floats, q: Floats, goals: Floats, weights_m: Floats,
     steps: int,
 ) -> None:  # fmt: skip
-    """Moves arm poses (B, 7) to end-effector poses (B, 12), as `BatchArm.track_poses`."""
+    """Moves arm poses (B, J) to end-effector poses (B, 12), as `BatchArm.track_poses`."""
     joints, jacobian, gram, error = (
-        np.zeros((9, 12)),
-        np.empty((6, 7)),
+        np.zeros((len(chain) + 2, 12)),
+        np.empty((6, len(chain))),
         np.empty((6, 6)),
         np.empty(6),
     )
@@ -138,13 +139,13 @@ def track(
     for b in range(len(q)):
         for _ in range(steps):
             kinematics(chain, q, b, joints)
-            point = out_of(joints, 7, ee_m[0], ee_m[1], ee_m[2])
+            point = out_of(joints, len(chain), ee_m[0], ee_m[1], ee_m[2])
             _jacobian(chain, joints, point, jacobian)
             for i in range(3):
                 error[i] = goals[b, 9 + i] - point[i]
             _turn(joints, goals, b, weights_m[b], error)
             for i in range(3, 6):
-                for j in range(7):
+                for j in range(jacobian.shape[1]):
                     jacobian[i, j] *= weights_m[b]
             _move(jacobian, error, 6, DAMPING_OF_TRACKING, gram, q, b, limits)
 
@@ -152,10 +153,10 @@ def track(
 @inlined
 def _turn(joints: Floats, goals: Floats, b: int, weight_m: float, error: Floats) -> None:
     """Writes the weighted rotation from the wrist to a goal: the logarithm of goal wrist^T."""
-    trace, x, y, z = 0.0, 0.0, 0.0, 0.0
+    wrist, trace, x, y, z = len(joints) - 2, 0.0, 0.0, 0.0, 0.0
     for k in range(3):
         gx, gy, gz = goals[b, k], goals[b, 3 + k], goals[b, 6 + k]
-        wx, wy, wz = joints[7, k], joints[7, 3 + k], joints[7, 6 + k]
+        wx, wy, wz = joints[wrist, k], joints[wrist, 3 + k], joints[wrist, 6 + k]
         trace += gx * wx + gy * wy + gz * wz
         x += gz * wy - gy * wz
         y += gx * wz - gz * wx
@@ -168,9 +169,9 @@ def _turn(joints: Floats, goals: Floats, b: int, weight_m: float, error: Floats)
 
 @compiled
 def positions(chain: Floats, ee_m: Floats, q: Floats, out: Floats) -> None:
-    """Writes the end-effector's positions (B, 3) at arm poses (B, 7)."""
-    joints = np.zeros((9, 12))
+    """Writes the end-effector's positions (B, 3) at arm poses (B, J)."""
+    joints = np.zeros((len(chain) + 2, 12))
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     for b in range(len(q)):
         kinematics(chain, q, b, joints)
-        out[b, 0], out[b, 1], out[b, 2] = out_of(joints, 7, ee_m[0], ee_m[1], ee_m[2])
+        out[b, 0], out[b, 1], out[b, 2] = out_of(joints, len(chain), ee_m[0], ee_m[1], ee_m[2])

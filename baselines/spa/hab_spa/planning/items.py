@@ -57,7 +57,7 @@ class CoalModel:
         self._request = coal.CollisionRequest(coal.CollisionRequestFlag.NO_REQUEST, 1)
 
     def collides(self, qpos: Array, first: int, second: int, margin_m: float) -> bool:
-        """Whether two shapes are closer than a margin at an arm pose (7,) [rad]."""
+        """Whether two shapes are closer than a margin at an arm pose (J,) [rad]."""
         pin.forwardKinematics(self._model, self._data, qpos)
         self._request.security_margin = margin_m
         self._request.distance_upper_bound = margin_m + 1e-6  # as Pinocchio does

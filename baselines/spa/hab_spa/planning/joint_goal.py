@@ -89,7 +89,7 @@ class Search:
     """A search for arm poses by inverse kinematics, in rounds.
 
     Attributes:
-        draw: Samples starts (B, 7) and their targets (B, 3) in the world.
+        draw: Samples starts (B, J) and their targets (B, 3) in the world.
         rounds: Maximum number of rounds.
         enough: The search stops when this many poses have the largest margin, ...
         plenty: ... or `plenty` times as many the smallest one.
@@ -106,8 +106,8 @@ class Search:
     tool: Tool | None = None
 
     def run(self, collision: ArmCollision, arm: BatchArm, ik: IkConfig) -> Array:
-        """Returns the poses (B, 7) that are free at the smallest margin."""
-        free, roomy = np.zeros((0, 7)), 0
+        """Returns the poses (B, J) that are free at the smallest margin."""
+        free, roomy = np.zeros((0, len(arm.rest_rad))), 0
         for _ in range(self.rounds):
             starts, targets_m = self.draw()
             targets_m = in_arm(targets_m, collision)
@@ -133,9 +133,9 @@ def sample_reaching_goals(
     config: GoalConfig,
     near: Array | None = None,
 ) -> Array:
-    """Returns goals (G, 7) with the end-effector at one of the points; none are found: (0, 7).
+    """Returns goals (G, J) with the end-effector at one of the points; none are found: (0, J).
 
-    With an arm pose `near` (7,), half of the starts are around it, and goals near it come first.
+    With an arm pose `near` (J,), half of the starts are around it, and goals near it come first.
 
     Args:
         points_m: (P, 3) in the world.
@@ -183,7 +183,7 @@ def _goals_near(
     seed: int,
     config: GoalConfig,
 ) -> Array:
-    """Returns goals, those near an arm pose (7,) first: of the arm's table or else of a search."""
+    """Returns goals, those near an arm pose (J,) first: of the arm's table or else of a search."""
 
     def cost(poses: Array) -> Array:
         return np.linalg.norm(poses - near, axis=1)
@@ -217,7 +217,7 @@ def tight_search(points_m: Array, arm: BatchArm, seed: int, config: GoalConfig) 
 def sample_rest_goals(
     collision: ArmCollision, arm: BatchArm, seed: int, config: GoalConfig
 ) -> Array:
-    """Returns resting arm poses (G, 7): the resting pose itself, or else alternatives near it.
+    """Returns resting arm poses (G, J): the resting pose itself, or else alternatives near it.
 
     With a held object the exact pose may collide; the episode only requires the end-effector to
     be near the resting position.
@@ -259,7 +259,7 @@ def found_by(
     config: GoalConfig,
     cost: Callable[[Array], Array],
 ) -> Array:
-    """Returns the goals (G, 7) of a search: those with the largest margin, lowest cost first.
+    """Returns the goals (G, J) of a search: those with the largest margin, lowest cost first.
 
     If these are too few, goals with smaller margins follow.
 
@@ -268,7 +268,7 @@ def found_by(
         collision: Collision model; its margins are changed.
         arm: Kinematics.
         config: Parameters.
-        cost: Costs of arm poses, (B, 7) -> (B,).
+        cost: Costs of arm poses, (B, J) -> (B,).
     """
     poses = search.run(collision, arm, config.ik)
     return _roomiest(poses, collision, search.margins_m, config, cost)
@@ -295,7 +295,7 @@ def _seeded_goals(
     starts, targets_m = starts[keep := rng.random(len(starts)) < 0.5], targets_m[keep]
     # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
-    found, roomy = np.zeros((0, 7)), np.zeros((0, 7))
+    found = roomy = np.zeros((0, len(arm.rest_rad)))
     for first in range(0, len(order), config.seeded_round):
         chosen = order[first : first + config.seeded_round]
         poses, reached = arm.solve(starts[chosen], targets_m[chosen], config.ik)
@@ -317,10 +317,10 @@ def _roomiest(
     config: GoalConfig,
     cost: Callable[[Array], Array],
 ) -> Array:
-    """Returns goals (G, 7): those with the largest margin, lowest cost first."""
+    """Returns goals (G, J): those with the largest margin, lowest cost first."""
     # Stable, so that equal costs do not depend on the machine's sort.
     poses = poses[np.argsort(cost(poses), kind="stable")]
-    chosen = goals = np.zeros((0, 7))
+    chosen = goals = poses[:0]
     for margin_m in margins_m:
         chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
         # Poses of the larger margin come again with the smaller one; `apart` drops them.
@@ -347,30 +347,30 @@ def in_arm(points_m: Array, collision: ArmCollision) -> Array:
 
 
 def near_rest(arm: BatchArm, rng: np.random.Generator, count: int, spread_rad: float) -> Array:
-    """Samples arm poses (count, 7) around the resting pose."""
+    """Samples arm poses (count, J) around the resting pose."""
     drawn = arm.rest_rad + rng.normal(scale=spread_rad, size=(count, len(arm.rest_rad)))
     return np.clip(drawn, *arm.limits_rad)
 
 
 def free_poses(poses: Array, collision: ArmCollision, margin_m: float) -> Array:
-    """Returns the arm poses (B, 7) that keep a margin."""
+    """Returns the arm poses (B, J) that keep a margin."""
     collision.set_margin(margin_m)
     return poses[collision.are_free(poses)]
 
 
 def apart(poses: Array, config: GoalConfig) -> Array:
-    """Returns the first arm poses (G, 7), at most `goals`, that differ from one another."""
+    """Returns the first arm poses (G, J), at most `goals`, that differ from one another."""
     chosen: list[Array] = []
     for pose in poses:
         if all(np.abs(pose - other).max() >= config.same_goal_rad for other in chosen):
             chosen.append(pose)
         if len(chosen) == config.goals:
             break
-    return np.array(chosen).reshape(-1, 7)
+    return np.array(chosen).reshape(-1, poses.shape[1])
 
 
 def _with_rest_roll(solutions: Array, arm: BatchArm) -> Array:
-    """Prepends copies of solutions (B, 7) with the resting wrist roll.
+    """Prepends copies of solutions (B, J) with the resting wrist roll.
 
     The roll does not move the end-effector point, so the copies are solutions too, nearer to rest.
     """

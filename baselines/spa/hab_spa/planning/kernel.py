@@ -62,18 +62,19 @@ def _joined(first: Floats, i: int, second: Floats, j: int, out: Floats, k: int) 
 
 @inlined
 def kinematics(chain: Floats, poses: Floats, b: int, joints: Floats) -> None:
-    """Writes the poses (8, 12) of root and joints; the last row of `joints` is scratch."""
-    for j in range(7):
-        _joined(joints, j, chain, j, joints, 8)
+    """Writes the poses of root and joints; the last row of `joints` is scratch."""
+    spare = len(chain) + 1
+    for j in range(len(chain)):
+        _joined(joints, j, chain, j, joints, spare)
         axis = int(chain[j, 12])
         u, v = (axis + 1) % 3, (axis + 2) % 3
         c, s = cos(poses[b, j]), sin(poses[b, j])
         for row in range(3):
-            across, along = joints[8, 3 * row + u], joints[8, 3 * row + v]
-            joints[j + 1, 3 * row + axis] = joints[8, 3 * row + axis]
+            across, along = joints[spare, 3 * row + u], joints[spare, 3 * row + v]
+            joints[j + 1, 3 * row + axis] = joints[spare, 3 * row + axis]
             joints[j + 1, 3 * row + u] = c * across + s * along
             joints[j + 1, 3 * row + v] = c * along - s * across
-            joints[j + 1, 9 + row] = joints[8, 9 + row]
+            joints[j + 1, 9 + row] = joints[spare, 9 + row]
 
 
 @inlined
@@ -254,7 +255,7 @@ def _within(shapes: Shapes, work: Scratch) -> int:
 
 @inlined
 def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
-    """Checks an arm pose of (B, 7): `HIT`, `FREE` or `UNSURE`."""
+    """Checks an arm pose of (B, J): `HIT`, `FREE` or `UNSURE`."""
     statics, found = shapes.box_m.shape[1], FREE
     _place(shapes, poses, b, work)
     # The hand, which collides most, first; the arm with itself last.
@@ -282,7 +283,7 @@ def _place(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
 @njit(nogil=True, error_model="numpy")
 def scratch(shapes: Shapes) -> Scratch:
     """Returns the scratch of a model."""
-    joints, reach_m = np.zeros((9, 12)), np.full(1, SLACK_M)
+    joints, reach_m = np.zeros((len(shapes.chain) + 2, 12)), np.full(1, SLACK_M)
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     if shapes.margin_m.size:
         reach_m[0] += max(0.0, shapes.margin_m.max())
@@ -296,14 +297,14 @@ def scratch(shapes: Shapes) -> Scratch:
         eight,
         np.empty((len(shapes.margin_m), 3)),
         np.empty((shapes.margin_m.size, 2), dtype=np.int64),
-        np.empty((1, 7)),
+        np.empty((1, len(shapes.chain))),
         reach_m,
     )
 
 
 @compiled
 def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.uint8]) -> int:
-    """Checks arm poses (B, 7); writes `HIT`, `FREE` or `UNSURE` (B,) uint8.
+    """Checks arm poses (B, J); writes `HIT`, `FREE` or `UNSURE` (B,) uint8.
 
     Args:
         shapes: The model.

@@ -56,7 +56,7 @@ def sample_placing_goals(
     config: GoalConfig,
     placing: PlacingConfig,
 ) -> Array:
-    """Returns goals (G, 7) with the held object at its goal, low and upright ones first.
+    """Returns goals (G, J) with the held object at its goal, low and upright ones first.
 
     Args:
         goal_m: (3,) in the world.

@@ -15,9 +15,6 @@ from ompl import util as ou
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.shapes import Array
 
-DIMENSION = 7
-"""Number of joints of an arm; the compiled kernels are made for as many."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class RrtConfig:
@@ -55,7 +52,7 @@ class Limit:
 def edge_is_free(
     collision: ArmCollision, first: Array, second: Array, resolution_rad: float
 ) -> bool:
-    """Whether the straight edge between two arm poses (7,) is free, including its ends."""
+    """Whether the straight edge between two arm poses (J,) is free, including its ends."""
     poses = _along(first, second, resolution_rad)
     return collision.free_until(poses) == len(poses)
 
@@ -63,20 +60,20 @@ def edge_is_free(
 def first_free(
     collision: ArmCollision, start: Array, goals: Array, resolution_rad: float
 ) -> int | None:
-    """Returns the first of the goals (G, 7) to which the straight edge from an arm pose is free."""
+    """Returns the first of the goals (G, J) to which the straight edge from an arm pose is free."""
     edges = (edge_is_free(collision, start, goal, resolution_rad) for goal in goals)
     return next((number for number, free in enumerate(edges) if free), None)
 
 
 def path_is_free(collision: ArmCollision, path: Array, resolution_rad: float) -> bool:
-    """Whether all edges of a path (K, 7) are free."""
+    """Whether all edges of a path (K, J) are free."""
     edges = [_along(first, second, resolution_rad) for first, second in pairwise(path)]
-    poses = np.concatenate(edges) if edges else np.zeros((0, DIMENSION))
+    poses = np.concatenate((path[:0], *edges))
     return collision.free_until(poses) == len(poses)
 
 
 def _along(first: Array, second: Array, resolution_rad: float) -> Array:
-    """Returns the arm poses (K, 7) to check along an edge, including its ends."""
+    """Returns the arm poses (K, J) to check along an edge, including its ends."""
     count = max(1, int(np.ceil(np.linalg.norm(second - first) / resolution_rad)))
     return first + (second - first) * (np.arange(count + 1) / count)[:, None]
 
@@ -84,7 +81,7 @@ def _along(first: Array, second: Array, resolution_rad: float) -> Array:
 def connect(
     collision: ArmCollision, start: Array, goal: Array, seed: int, limit: Limit, config: RrtConfig
 ) -> Array | None:
-    """Runs RRT-Connect once from `start` (7,) to `goal` (7,); returns a path (K, 7) or None."""
+    """Runs RRT-Connect once from `start` (J,) to `goal` (J,); returns a path (K, J) or None."""
     last_check = collision.checks + limit.checks
     information = _space_information(collision, seed, config)
     problem = ob.ProblemDefinition(information)
@@ -103,13 +100,13 @@ def connect(
         return None
     path: Any = problem.getSolutionPath()
     # States are clipped to the limits; the ends have to be the poses asked for.
-    return np.array([start, *_poses(path)[1:-1], goal])
+    return np.array([start, *_poses(path, len(start))[1:-1], goal])
 
 
 def shorten(
     collision: ArmCollision, path: Array, seed: int, deadline_s: float, config: RrtConfig
 ) -> Array:
-    """Shortens a free path (K, 7) with OMPL's simplifier; ends are kept, the result is free."""
+    """Shortens a free path (K, J) with OMPL's simplifier; ends are kept, the result is free."""
     information = _space_information(collision, seed, config)
     states = [_state(information, pose, collision.limits_rad) for pose in path]
     simplified = og.PathGeometric(information, states)
@@ -124,11 +121,11 @@ def shorten(
         before, length = length, simplified.length()
         if length > (1.0 - config.gain) * before:
             break
-    return np.array([path[0], *_poses(simplified)[1:-1], path[-1]])
+    return np.array([path[0], *_poses(simplified, path.shape[1])[1:-1], path[-1]])
 
 
-def _poses(path: Any) -> list[list[float]]:
-    return [[state[i] for i in range(DIMENSION)] for state in path.getStates()]
+def _poses(path: Any, joints: int) -> list[list[float]]:
+    return [[state[i] for i in range(joints)] for state in path.getStates()]
 
 
 def _space_information(
@@ -139,17 +136,18 @@ def _space_information(
     ou.setLogLevel(ou.LogLevel.LOG_NONE)
     # OMPL takes 32 bits, and refuses 0.
     ou.RNG.setSeed(seed % (2**31 - 1) + 1)
-    bounds = ob.RealVectorBounds(DIMENSION)
+    joints = len(collision.limits_rad[0])
+    bounds = ob.RealVectorBounds(joints)
     for i, (low, high) in enumerate(zip(*collision.limits_rad, strict=True)):
         bounds.setLow(i, float(low))
         bounds.setHigh(i, float(high))
-    space = ob.RealVectorStateSpace(DIMENSION)
+    space = ob.RealVectorStateSpace(joints)
     space.setBounds(bounds)
     information = ob.SpaceInformation(space)
-    pose = np.empty(DIMENSION)
+    pose = np.empty(joints)
 
     def is_valid(state: Any) -> bool:
-        for i in range(DIMENSION):
+        for i in range(joints):
             pose[i] = state[i]
         return bool(collision.is_free(pose))  # OMPL rejects numpy's bool
 

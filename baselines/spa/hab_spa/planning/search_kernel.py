@@ -18,7 +18,7 @@ from hab_spa.planning.kernel import answer, compiled, scratch
 def _far(a: Floats, i: int, b: Floats, j: int) -> float:
     """Returns the Euclidean distance of two poses."""
     total = 0.0
-    for k in range(7):
+    for k in range(a.shape[1]):
         total += (a[i, k] - b[j, k]) ** 2
     return sqrt(total)
 
@@ -26,7 +26,7 @@ def _far(a: Floats, i: int, b: Floats, j: int) -> float:
 @called
 def _between(a: Floats, i: int, b: Floats, j: int, share: float, out: Floats, n: int) -> None:
     """Writes the pose at a share of the way between two."""
-    for k in range(7):
+    for k in range(a.shape[1]):
         out[n, k] = a[i, k] + (b[j, k] - a[i, k]) * share
 
 
@@ -35,8 +35,11 @@ def _nearest(tree: Floats, size: int, poses: Floats, j: int) -> int:
     best, least = 0, 1e30
     for i in range(size):
         total = 0.0
-        for k in range(7):
+        for k in range(tree.shape[1]):
             total += (tree[i, k] - poses[j, k]) ** 2
+            # Squares only add up: most nodes are out after two or three joints.
+            if total >= least:
+                break
         if total < least:
             best, least = i, total
     return best
@@ -94,9 +97,9 @@ def connect(
 
     Args:
         shapes: The model.
-        trees: (2, K, 7) nodes; the first of each is its root.
+        trees: (2, K, J) nodes; the first of each is its root.
         parents: (2, K) int64 parent of each node.
-        samples: (R, 7) the random poses.
+        samples: (R, J) the random poses.
         most: Maximum length of a step [rad].
         resolution: Resolution of the checks along an edge [rad].
         most_checks: Maximum number of checks.
@@ -136,7 +139,7 @@ def connect(
 def first_free(
     shapes: Shapes, start: Floats, goals: Floats, resolution: float, checks: Ints
 ) -> int:
-    """Returns the first of some poses (G, 7) that the edge from (1, 7) reaches; -1 if none."""
+    """Returns the first of some poses (G, J) that the edge from (1, J) reaches; -1 if none."""
     work = scratch(shapes)
     if answer(shapes, start, 0, work) != FREE:
         return -1
@@ -219,7 +222,7 @@ def shorten(
 
     Args:
         shapes: The model.
-        path: (K, 7) room for the path.
+        path: (K, J) room for the path.
         size: Number of its poses.
         draws: (R, 3) uniform random numbers, shared out over the passes.
         passes: Maximum number of passes.
@@ -231,11 +234,12 @@ def shorten(
         The new number of poses.
     """
     work, other, each = scratch(shapes), np.empty_like(path), len(draws) // passes
+    joints = path.shape[1]
     length = _length(path, size)
     for p in range(passes):
         size = _thin(shapes, path, size, resolution, work, checks)
         for d in range(p * each, (p + 1) * each):
-            joint = int(draws[d, 2] * 14) - 7  # half of them in one joint
+            joint = int(draws[d, 2] * 2 * joints) - joints  # half of them in one joint
             joint = max(joint, -1)
             size = _cut(shapes, path, size, draws, d, joint, resolution, other, work, checks)
         before, length = length, _length(path, size)

@@ -62,7 +62,7 @@ class SimulatorCheck:
         self._physics.set_timestep(STEP_S)
 
     def is_free(self, qpos: Array) -> bool:
-        """Whether an arm pose (7,) is free of contacts, including self-collisions."""
+        """Whether an arm pose (J,) is free of contacts, including self-collisions."""
         self.checks += 1
         self._set(qpos)
         if self._held is not None:
@@ -72,7 +72,7 @@ class SimulatorCheck:
         return not [c for c in self._physics.get_contacts() if self._touches(c)]
 
     def _set(self, qpos: Array) -> None:
-        """Sets the arm's pose (7,)."""
+        """Sets the arm's pose (J,)."""
         self._qpos[self._arm] = qpos
         self._robot.set_qpos(self._qpos)
         self._robot.set_qvel(np.zeros_like(self._qpos))
@@ -158,7 +158,8 @@ def agreement(env: Any, count: int, seed: int) -> Agreement:
     model = ArmCollision(core.robot, state, state.held, CollisionConfig(margin_m=0.0))
     simulator = SimulatorCheck(env)
     touching = disagreements = far = 0
-    for pose in np.random.default_rng(seed).uniform(*model.limits_rad, (count, 7)):
+    shape = count, len(core.robot.arm_joints)
+    for pose in np.random.default_rng(seed).uniform(*model.limits_rad, shape):
         free = simulator.is_free(pose)
         touching += not free
         if free != model.is_free(pose):
@@ -187,7 +188,7 @@ class BroadPhaseCheck:
         self._broad = pin.BroadPhaseManager_SSaPCollisionManager(self._arm, geometry, data)
 
     def is_free(self, qpos: Array) -> bool:
-        """Whether the arm pose (7,) [rad] keeps every pair's margin."""
+        """Whether the arm pose (J,) [rad] keeps every pair's margin."""
         return not pin.computeCollisions(self._arm, self._data, self._broad, qpos, True)
 
 
@@ -202,7 +203,8 @@ def kernel_agreement(model: ArmCollision, count: int, seed: int) -> tuple[int, i
     Returns:
         Numbers of poses, of different answers, and of poses that only the model calls free.
     """
-    poses = np.random.default_rng(seed).uniform(*model.limits_rad, (count, 7))
+    shape = count, len(model.robot.arm_joints)
+    poses = np.random.default_rng(seed).uniform(*model.limits_rad, shape)
     free = model.are_free(poses)
     clear, blocked = (poses[which][: min(free.sum(), (~free).sum())] for which in (free, ~free))
     for _ in range(10):  # within millimetres of contact

@@ -31,7 +31,7 @@ class Scene(Beliefs, Protocol):
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         ...
 
     @property
@@ -68,7 +68,7 @@ class Scene(Beliefs, Protocol):
         Called at every step.
 
         Args:
-            path: Remaining arm poses (K, 7).
+            path: Remaining arm poses (K, J).
         """
         ...
 
@@ -80,7 +80,7 @@ class Scene(Beliefs, Protocol):
         ...
 
     def met(self, path: Array) -> None:
-        """Reports contact of the arm with an obstacle on its next poses (K, 7)."""
+        """Reports contact of the arm with an obstacle on its next poses (K, J)."""
         ...
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:

@@ -16,7 +16,15 @@ from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.scenes.known_positions import KnownPositions
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.fitted_box import HELD, BoxConfig, FittedBox, HeldBox, fit_box, other_things_m
+from hab_spa.sensing.fitted_box import (
+    HELD,
+    BoxConfig,
+    FittedBox,
+    HeldBox,
+    fit_box,
+    other_things_m,
+    things,
+)
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.sensing.voxels import voxel_obstacles
@@ -46,7 +54,8 @@ class SeenConfig:
         touch_margin_m: Voxels within this distance of the robot or the held object are free.
         held_margin_m: Points within this distance of the held object's box belong to it.
         unseen_m: As `held_margin_m`, for an object that was grasped without being seen.
-        held_reach_m: Maximum distance from the hand of an object held at the start.
+        held_reach_m: Points so near to the hand belong to an object held at the start, ...
+        held_most_m: ... and others of the same thing that are so near.
         reach_m: Maximum distance of obstacles from the shoulder.
         map_m: Maximum distance of mapped points from the shoulder.
         watch_steps: Interval of checks for new obstacles during a motion.
@@ -64,6 +73,7 @@ class SeenConfig:
     held_margin_m: float = 0.04
     unseen_m: float = 0.06
     held_reach_m: float = 0.14
+    held_most_m: float = 0.3
     reach_m: float = 1.6
     map_m: float = 1.9
     watch_steps: int = 6
@@ -130,7 +140,7 @@ class SeenScene:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self._arm_rad
 
     @property
@@ -198,8 +208,8 @@ class SeenScene:
         return box.seen and box.support_m is not None
 
     def ee_from_held(self) -> Array:
-        """Returns the hand's own position: the held object is assumed to be there."""
-        return np.zeros(3)
+        """Returns the middle (3,) of what is seen in the hand; its own position if nothing is."""
+        return np.zeros(3) if self._hand is None else self._hand.ee_from_box[:3, 3]
 
     def articulation(self, number: int) -> ArticulationState:
         """Returns a door or drawer of the episode."""
@@ -217,15 +227,18 @@ class SeenScene:
             return
         self._looked = True
         poses, shoulder_m = self._own.poses(self.world_from_base, self.arm_qpos), self._shoulder_m
+        seen = []
         for camera in CAMERAS:
             view = DepthView.read(self._obs, camera, self._row)
-            pixels = ((view.points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
-            points_m = view.points_m[pixels]
-            world = pixels.copy()
-            of_robot = self._own.contain(points_m, poses, self.config.own_margin_m)
-            if self.holding and self._hand is None:
-                self._find_held(points_m[~of_robot])
-            world[pixels] = ~of_robot & ~self._in_hand(points_m, self.config.held_margin_m)
+            world = ((view.points_m - shoulder_m) ** 2).sum(axis=-1) < self.config.map_m**2
+            points_m = view.points_m[world]
+            world[world] = ~self._own.contain(points_m, poses, self.config.own_margin_m)
+            seen.append((view, world))
+        if self.holding and self._hand is None:
+            self._find_held(np.concatenate([view.points_m[world] for view, world in seen]))
+        for view, world in seen:
+            points_m = view.points_m[world]
+            world[world] = ~self._in_hand(points_m, self.config.held_margin_m)
             self.map.add(view, world)
 
     def collision(
@@ -260,7 +273,7 @@ class SeenScene:
         """Returns None: the extent of the object is known only after the grasp."""
 
     def in_the_way(self, path: Array) -> bool:
-        """Looks every `watch_steps` and returns whether an arm path (K, 7) is no longer free.
+        """Looks every `watch_steps` and returns whether an arm path (K, J) is no longer free.
 
         Only voxels seen since the path was planned are checked. A door or drawer held by the hand
         is left out.
@@ -278,7 +291,7 @@ class SeenScene:
         return any(self._meets(pose, new_m) for pose in path) if len(new_m) else False
 
     def met(self, path: Array) -> None:
-        """Adds an obstacle to the map after contact during a motion to arm poses (K, 7).
+        """Adds an obstacle to the map after contact during a motion to arm poses (K, J).
 
         It is in the volume of the arm at these poses, outside its current volume, and unseen.
         """
@@ -295,7 +308,7 @@ class SeenScene:
         self.map.add_contacts(np.concatenate(found))
 
     def _meets(self, pose: Array, points_m: Array) -> bool:
-        """Whether the arm in a pose (7,), or the held object, contains any of the points (K, 3)."""
+        """Whether the arm in a pose (J,), or the held object, contains any of the points (K, 3)."""
         if self._own.contain(points_m, self._own.poses(self.world_from_base, pose), 0.0).any():
             return True
         if self._hand is None:
@@ -384,12 +397,22 @@ class SeenScene:
         self.map.remove(box, config.held_margin_m if box.seen else config.unseen_m)
 
     def _find_held(self, points_m: Array) -> None:
-        """Fits a box to the object held at the start: all points (K, 3) near the hand."""
-        ee_from_world = invert_pose(self._world_from_ee())
+        """Fits a box to the object held at the start: points (K, 3) near the hand, and their thing.
+
+        What it rests on or touches is as large as furniture; then only the points near the hand
+        belong to the object.
+        """
+        config, ee_from_world = self.config, invert_pose(self._world_from_ee())
         local_m = points_m @ ee_from_world[:3, :3].T + ee_from_world[:3, 3]
-        local_m = local_m[np.linalg.norm(local_m, axis=1) < self.config.held_reach_m]
-        if len(local_m) >= self.config.box.fewest:
-            self._hand = HeldBox.around(local_m)
+        gaps_m = np.linalg.norm(local_m, axis=1)
+        near_m = local_m[gaps_m < config.held_reach_m]
+        if len(near_m) < config.box.fewest:
+            return
+        for thing_m in things(local_m[gaps_m < config.held_most_m], config.box):
+            near = np.linalg.norm(thing_m, axis=1) < config.held_reach_m
+            if near.any() and np.ptp(thing_m, axis=0).max() < config.box.thing_m:
+                near_m = np.concatenate((near_m, thing_m))
+        self._hand = HeldBox.around(near_m)
 
 
 def _at(pose: Array, point_m: Array) -> Array:

@@ -43,7 +43,7 @@ class TrueScene:
 
     @property
     def arm_qpos(self) -> Array:
-        """Joint positions of the arm (7,) [rad]."""
+        """Joint positions of the arm (J,) [rad]."""
         return self.state.arm_qpos
 
     @property

@@ -167,7 +167,7 @@ def other_things_m(points_m: Array, centre_m: Array, box: FittedBox, config: Box
     near_m = points_m[near]
     near_m = near_m[~box.contains(near_m, config.link_m)]
     found = []
-    for thing_m in _things(near_m, config):
+    for thing_m in things(near_m, config):
         lower_m, upper_m = thing_m.min(axis=0), thing_m.max(axis=0)
         if (upper_m - lower_m).max() < config.thing_m:
             found.append((lower_m + upper_m) / 2)
@@ -181,10 +181,10 @@ def _object_points(
     near = np.linalg.norm(points_m - centre_m, axis=1) < config.reach_m
     if support_m is not None:
         near &= points_m[:, 2] > support_m + config.above_m
-    things = _things(points_m[near], config)
-    if not things:
+    found = things(points_m[near], config)
+    if not found:
         return np.zeros((0, 3))
-    return min(things, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
+    return min(found, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
 
 
 def _half_m(own_m: Array, centre_m: Array, eye_m: Array, sides: Array, config: BoxConfig) -> Array:
@@ -209,7 +209,7 @@ def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig)
     return own_m[np.abs(along_m) <= half_m]
 
 
-def _things(points_m: Array, config: BoxConfig) -> list[Array]:
+def things(points_m: Array, config: BoxConfig) -> list[Array]:
     """Returns clusters of downsampled points (K, 3), without small ones."""
     if not len(points_m):
         return []

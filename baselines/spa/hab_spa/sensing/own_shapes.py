@@ -51,7 +51,7 @@ class OwnShapes:
 
         Args:
             world_from_base: (4, 4) pose of base_link.
-            arm_rad: (7,) joint positions of the arm.
+            arm_rad: (J,) joint positions of the arm.
         """
         model, data = self._model, self._model.createData()
         pin.forwardKinematics(model, data, arm_rad)

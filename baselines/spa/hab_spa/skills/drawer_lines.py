@@ -52,7 +52,7 @@ class Line:
     """Arm poses that move a held handle along its line.
 
     Attributes:
-        poses: (K, 7) [rad]; the first has the hand at the handle.
+        poses: (K, J) [rad]; the first has the hand at the handle.
         missing_m: Travel that is missing at the end.
     """
 
@@ -132,7 +132,7 @@ class HandleLines:
         return found
 
     def _grasps(self, rng: np.random.Generator, at: int) -> Array:
-        """Returns collision-free arm poses (B, 7) with the hand at the handle after `at` steps."""
+        """Returns collision-free arm poses (B, J) with the hand at the handle after `at` steps."""
         config, robot = self._config, self._robot
         starts = robot.kinematics.random(rng, config.starts)
         targets_m = np.repeat(self._handle_m(at)[None], config.starts, axis=0)
@@ -141,7 +141,7 @@ class HandleLines:
         return poses[self._are_free(poses, at, config.least_m)]
 
     def _followed(self, poses: Array, at: int) -> list[Array]:
-        """Returns the lines (K, 7) through arm poses (B, 7) at one end, without collision checks.
+        """Returns the lines (K, J) through arm poses (B, J) at one end, without collision checks.
 
         They start at the current position of the handle.
         """
@@ -175,14 +175,14 @@ class HandleLines:
         return [lines[i] for i in np.lexsort((far_rad, -roomy))]
 
     def _free(self, line: Array) -> int:
-        """Returns the number of leading poses of a line (K, 7) that are collision-free."""
+        """Returns the number of leading poses of a line (K, J) that are collision-free."""
         for station, pose in enumerate(line):
             if not self._are_free(pose[None], station, self._config.least_m)[0]:
                 return station
         return len(line)
 
     def _are_free(self, poses: Array, station: int, margin_m: float) -> NDArray[np.bool_]:
-        """Whether arm poses (B, 7) are collision-free with the drawer after `station` steps."""
+        """Whether arm poses (B, J) are collision-free with the drawer after `station` steps."""
         collision = self._moving if station else self.collision
         self._move(station)
         collision.set_margin(margin_m)

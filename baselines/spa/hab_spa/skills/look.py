@@ -85,7 +85,7 @@ def look_closer(
 def _look_from(
     robot: Robot, scene: SeenScene, poses: Array, collision: ArmCollision, config: LookConfig
 ) -> Generator[Command, None, None]:
-    """Moves the arm to one of the poses (P, 7), looking during the motion and at its end."""
+    """Moves the arm to one of the poses (P, J), looking during the motion and at its end."""
     result = robot.plan(poses, collision, config.plan)
     if result.path is None:
         return
@@ -97,7 +97,7 @@ def _look_from(
 
 
 def _shows(arm: BatchArm, poses: Array, object_m: Array, config: LookConfig) -> list[bool]:
-    """Whether the hand camera would have a good view of an object, for arm poses (P, 7).
+    """Whether the hand camera would have a good view of an object, for arm poses (P, J).
 
     Args:
         arm: Kinematics.

@@ -91,7 +91,7 @@ def _reach(robot: Robot, number: int, around: bool) -> Motion:
 
 
 def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Array) -> Array:
-    """Returns the goals (G, 7) from which the grasped object can be retracted in a straight line.
+    """Returns the goals (G, J) from which the grasped object can be retracted in a straight line.
 
     If the best goal is one of them, all goals are returned.
     """
@@ -106,7 +106,7 @@ def _with_way_out(robot: Robot, number: int, collision: ArmCollision, goals: Arr
             chosen.append(goal)
             if i == 0:
                 return goals
-    return np.array(chosen).reshape(-1, 7)
+    return np.array(chosen).reshape(-1, goals.shape[1])
 
 
 def _grasp(robot: Robot, number: int) -> Motion:

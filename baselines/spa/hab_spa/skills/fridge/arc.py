@@ -91,8 +91,8 @@ class DoorPath:
     """A candidate pull: paths of arm and base that move the door.
 
     Attributes:
-        goal: (7,) grasp pose of the arm.
-        arc: (K, 7) arm poses along the handle's arc.
+        goal: (J,) grasp pose of the arm.
+        arc: (K, J) arm poses along the handle's arc.
         bases: (K, 3) base poses; identical if the base does not move.
         joints: (K,) joint positions of the door [rad].
         sufficient: Whether the pull is sufficient.
@@ -135,10 +135,10 @@ class Arcs:
     def candidates(
         self, here: Array, goals: Array, collision: ArmCollision, tows: Array
     ) -> list[DoorPath]:
-        """Returns the pulls from grasp poses (G, 7).
+        """Returns the pulls from grasp poses (G, J).
 
         Args:
-            here: Current arm pose (7,).
+            here: Current arm pose (J,).
             goals: Grasp poses.
             collision: Collision model; its door and robot are moved.
             tows: Base motions (T, K, 3), all from the same base pose.
@@ -161,7 +161,7 @@ class Arcs:
         ]
 
     def are_before(self, goals: Array, collision: ArmCollision) -> NDArray[np.bool_]:
-        """Whether the hand is in front of the door, not at its edge or behind, for poses (G, 7)."""
+        """Whether the hand is in front of the door, not at its edge or behind, for poses (G, J)."""
         if not len(goals):
             return np.zeros(0, dtype=bool)
         return self._before(
@@ -176,7 +176,7 @@ class Arcs:
         tows: Array,
         collision: ArmCollision,
     ) -> list[list[Array]]:
-        """Returns the arm poses along the arc from each start (E, 7), up to the first collision.
+        """Returns the arm poses along the arc from each start (E, J), up to the first collision.
 
         Args:
             starts: Grasp poses.
@@ -280,7 +280,7 @@ def best_first(candidates: list[DoorPath]) -> list[DoorPath]:
 
 
 def arm_points_m(robot: RobotSpec, qpos: Array) -> Array:
-    """Returns points (K, P, 3) along the forearm of arm poses (K, 7), in the arm's root frame."""
+    """Returns points (K, P, 3) along the forearm of arm poses (K, J), in the arm's root frame."""
     model, frame = arm_model(robot)
     data, found = model.createData(), []
     for pose in qpos:

@@ -124,7 +124,7 @@ class DoorPathSearch:
             model.move(self._articulation.body, np.eye(4))
 
     def _goals(self, config: GoalConfig) -> Array:
-        """Returns grasp poses (G, 7)."""
+        """Returns grasp poses (G, J)."""
         robot, door = self._robot, self._door
         points_m = np.array([door.point(door.joint, *grasp) for grasp in self._pull.grasps_m])
         seed, here, arm = robot.next_seed(), robot.scene.arm_qpos, robot.kinematics
@@ -136,7 +136,7 @@ class DoorPathSearch:
         return goals
 
     def _along(self, goals: Array, moving: Array) -> list[DoorPath]:
-        """Returns the pulls from grasp poses (G, 7) with base motions (T, K, 3)."""
+        """Returns the pulls from grasp poses (G, J) with base motions (T, K, 3)."""
         arcs, here = self._arcs, self._robot.scene.arm_qpos
         if self._pull.opening or not len(goals) or not len(moving):
             return arcs.candidates(here, goals, self.collision, moving)

@@ -295,7 +295,7 @@ class _Fridge:
             yield from draw_out(robot, config.at_handle_rad)
 
     def _hold(self, end: Array) -> Generator[Command, None, None]:
-        """Holds the door until it is slow, and far enough or the arm at its final pose (7,)."""
+        """Holds the door until it is slow, and far enough or the arm at its final pose (J,)."""
         robot, config, before = self._robot, self._config, np.inf
         relaxed = False
         for _ in range(config.hold_steps):

@@ -102,7 +102,7 @@ def with_base(arc: Array, bases: Array, config: TowConfig) -> Array:
 
 
 def without_base(path: Array, config: TowConfig) -> tuple[Array, Array]:
-    """Splits a path of `with_base` into arm poses (K, 7) and base poses (K, 3)."""
+    """Splits a path of `with_base` into arm poses (K, J) and base poses (K, 3)."""
     scale = (config.metre_rad, config.metre_rad, config.radian_rad)
     return path[:, :-3], path[:, -3:] / scale
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from torch import Tensor
 
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import HabError, UnknownNameError
 
 if TYPE_CHECKING:
@@ -29,6 +30,12 @@ Looks = Literal["always", "on demand"]
 
 TargetFrame = Literal["base", "ee"]
 """Frame of a skill's target in the observation: axes of the base, or the end-effector's frame."""
+
+Targets = Literal["positions", "language"]
+"""How the goal is given: by positions in the observation, or by the instruction only."""
+
+InstructionOf = Literal["task", "stage", None]
+"""What an observed instruction is of: the whole episode, or the current stage of a task."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,6 +57,14 @@ class AgentSpec:
         handle_position: The environment option `handle_position`: whether the observation also
             contains the handle of the door or drawer. The leaderboard shows both options where
             they differ from the defaults.
+        targets: The environment option `targets`: with ``language``, the observation has no
+            position of an object, goal, handle or receptacle. The leaderboard never compares such
+            agents with others.
+        instruction: Adds ``obs["instruction"]``, N strings: the instruction of the ``task``, or of
+            its current ``stage``.
+        cameras: Names of the cameras in observations with images; None for the environment's.
+        camera_size_px: Width and height of their images.
+        camera_hfov_rad: Their horizontal field of view.
         rows: Maximum batch size of `act`. With more than one row, that many episodes run in
             parallel. The length of the mask passed to `reset` is the number of rows N <= `rows`;
             N is constant during a run.
@@ -64,6 +79,11 @@ class AgentSpec:
     looks: Looks = "always"
     target_frame: TargetFrame = "base"
     handle_position: bool = False
+    targets: Targets = "positions"
+    instruction: InstructionOf = None
+    cameras: tuple[str, ...] | None = None
+    camera_size_px: int = CAMERA_SIZE_PX
+    camera_hfov_rad: float = CAMERA_HFOV_RAD
     rows: int = 1
     files: tuple[str, ...] = ()
 

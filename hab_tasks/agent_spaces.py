@@ -16,7 +16,7 @@ from mani_skill.utils.gym_utils import convert_observation_to_space
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, CameraParameters
 from hab_tasks.engine.hab_env import HabEnv
 from hab_tasks.engine.ray_sensors import pinhole_of
-from hab_tasks.engine.sensors import observed
+from hab_tasks.engine.sensors import ObsEntry, observed
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import OptionError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
@@ -55,7 +55,7 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     env = ENVS[env_id].env
     control = control_configs(env.robot)[env.known_mode(spec.control_mode)]
     obs: Any = _state(env, spec)
-    cameras = {} if spec.obs_mode in ("state", "state_dict") else _cameras(env)
+    cameras = {} if spec.obs_mode in ("state", "state_dict") else _cameras(env, spec)
     if spec.obs_mode == "state":
         obs = np.concatenate([x for group in obs.values() for x in group.values()], axis=1)
     elif cameras:
@@ -67,11 +67,17 @@ def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
     )
 
 
+def state_entries(env: type[HabEnv], spec: AgentSpec) -> tuple[ObsEntry, ...]:
+    """Returns the entries of the state observation, those of ``agent`` first."""
+    options = spec.target_frame, spec.handle_position, spec.targets
+    entries = observed(env.observation, env.handle, env.robot, *options)
+    return tuple(sorted(entries, key=lambda entry: not entry.proprioceptive))
+
+
 def _state(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, Any]]:
     """Returns zeros (1, ...) for the non-empty groups of ``agent`` and ``extra``."""
     groups: dict[str, dict[str, Any]] = {"agent": {}, "extra": {}}
-    options = spec.target_frame, spec.handle_position
-    for entry in observed(env.observation, env.handle, env.robot, *options):
+    for entry in state_entries(env, spec):
         groups[entry.group][entry.name] = np.zeros((1, *entry.shape), dtype=np.float32)
     return {name: group for name, group in groups.items() if group}
 
@@ -95,12 +101,13 @@ def _images(obs_mode: str, cameras: Mapping[str, CameraParameters]) -> dict[str,
     return {"sensor_param": dict.fromkeys(cameras, matrices), "sensor_data": data}
 
 
-def _cameras(env: type[HabEnv]) -> dict[str, CameraParameters]:
+def _cameras(env: type[HabEnv], spec: AgentSpec) -> dict[str, CameraParameters]:
     """Returns the sensor cameras of an environment, in observation order."""
-    names = tuple(name for name in env.robot.cameras if name in env.cameras)
+    names = env.cameras if spec.cameras is None else spec.cameras
+    rig = CameraRig.of(env.robot, names, spec.camera_size_px, spec.camera_hfov_rad)
     unmounted: Any = None
     found = {}
-    for config in CameraRig(places=env.robot.cameras, names=names).configs(lambda _: unmounted):
+    for config in rig.configs(lambda _: unmounted):
         place, pinhole = env.robot.cameras[config.uid], pinhole_of(config)
         (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.centre_px
         link_from_camera = camera_pose(place).to_transformation_matrix().astype(np.float64)

@@ -13,6 +13,7 @@ import sys
 from importlib import metadata
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -130,11 +131,27 @@ def test_the_tutorials_task_and_skill_are_those_that_are_tested():
         assert (ROOT / "tests" / "my_skills" / name).read_text(encoding="utf-8") in skill
 
 
-def test_the_page_of_environments_is_what_is_generated():
-    from hab_authoring.commands.docs import PAGE, page
+def test_generated_pages_are_what_is_generated():
+    from hab_authoring.commands import contract, docs
 
-    text = (ROOT / "docs" / PAGE).read_text(encoding="utf-8")
-    assert text == page(), "run: hab-tasks docs --out docs --force"
+    for made in (docs, contract):
+        text = (ROOT / "docs" / made.PAGE).read_text(encoding="utf-8")
+        assert text == made.page(), "run: hab-tasks docs --out docs --force"
+
+
+def test_the_recorded_episode_of_the_contract_repeats():
+    from hab_authoring.commands.contract import EPISODE_FILE, make_golden, play_golden
+
+    with np.load(DOCS / EPISODE_FILE, allow_pickle=False) as file:
+        recorded = {name: file[name] for name in file}
+    env = make_golden()
+    found = play_golden(env, recorded["actions"])
+    env.close()
+    assert found.keys() == recorded.keys()
+    assert recorded["instruction"].tolist() == found["instruction"].tolist()
+    for name in recorded.keys() - {"instruction"}:  # contacts amplify the last digits
+        np.testing.assert_allclose(found[name], recorded[name], atol=2e-3, err_msg=name)
+    assert recorded["rewards"][-1] > 5  # solved
 
 
 def test_the_page_lists_every_mode_measure_and_observation_of_an_environment():

@@ -77,7 +77,16 @@ SPA = ROOT / "baselines" / "spa" / "hab_spa"
 
 # The same for hab_eval.
 EVAL_ORDER = [
-    *({"errors"}, {"records"}, {"run"}, {"__init__"}, {"bench"}, {"site"}, {"commands"}),
+    *(
+        {"errors"},
+        {"records"},
+        {"run"},
+        {"integrations"},
+        {"__init__"},
+        {"bench"},
+        {"site"},
+        {"commands"},
+    ),
     *({"cli"}, {"__main__"}),
 ]
 EVAL = ROOT / "eval" / "hab_eval"

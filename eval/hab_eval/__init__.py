@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from hab_tasks.registration import names_on_demand
 
 if TYPE_CHECKING:
+    from hab_eval.integrations.remote import remote
     from hab_eval.records.config import EvalConfig
     from hab_eval.records.results import RunRecord, read_record
     from hab_eval.run.agents import (
@@ -32,6 +33,7 @@ __all__ = [
     "open_hand",
     "random_agent",
     "read_record",
+    "remote",
     "straight_line",
 ]
 
@@ -40,6 +42,7 @@ __version__ = "0.3.0"
 __getattr__, __dir__ = names_on_demand(
     __name__,
     {
+        "integrations.remote": ("remote",),
         "records.config": ("EvalConfig",),
         "records.results": ("RunRecord", "read_record"),
         "run.agents": (

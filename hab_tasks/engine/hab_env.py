@@ -16,7 +16,7 @@ from gymnasium.envs.registration import EnvSpec
 from mani_skill.utils.structs.types import SimConfig
 from torch import Tensor
 
-from hab_tasks.agent import TargetFrame
+from hab_tasks.agent import TargetFrame, Targets
 from hab_tasks.arrays import Floats, of_row, shared_tensor, to_tensor
 from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
@@ -31,6 +31,7 @@ from hab_tasks.engine.rules import Rules
 from hab_tasks.episodes.schema import Episode, EpisodeRequest
 from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
+from hab_tasks.instructions import FIXED, Words
 from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of
 from hab_tasks.robots import DEFAULT_ROBOT
@@ -64,15 +65,15 @@ class HabEnv(ObservingEnv):
             the axes of the base, as in ``ee`` actions (Navigate: the point in the base frame);
             ``ee``: the target in the end-effector's frame, as in Habitat. Tasks support ``base``
             only.
-        handle_position: True adds the position of the door's or drawer's handle, along the axes
-            of the base; for environments with a door or drawer.
+        handle_position: True adds the door's or drawer's handle, along the axes of the base.
+        targets: ``language`` leaves out every position of an object, goal, handle or receptacle.
+        instructions: ``fixed`` or ``varied`` (`hab_tasks.instructions`).
         skill_config: Overrides of reward weights and thresholds by name, e.g.
             ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
             with the skill: ``pick.weights.force``.
         sensor_noise: None, a `SensorNoise`, or a dict of its attributes (JSON-serialisable). The
             noise is seeded by the episode.
-        action_delay_steps: Delay of actions in steps (S F.5); until the first action is due, the
-            robot stands still and keeps its grasp.
+        action_delay_steps: Delay of actions in steps (S F.5); at first the robot stands still.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
             `auto` does so unless colour is observed. A `render_mode` needs a renderer in any case.
@@ -111,6 +112,8 @@ class HabEnv(ObservingEnv):
         proprioception: bool = True,
         target_frame: TargetFrame = "base",
         handle_position: bool = False,
+        targets: Targets = "positions",
+        instructions: str = "fixed",
         skill_config: Mapping[str, float] | None = None,
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
@@ -120,17 +123,22 @@ class HabEnv(ObservingEnv):
         self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
         self.configure(entries("skill_config", skill_config))
-        self._set_entries(proprioception, target_frame, handle_position, depth)
+        self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
-        request = EpisodeRequest(**where, **of, env_id=self.default_id(), robot=self.robot.uid)
-        options = open_source(request), num_episodes, prefetch, action_delay_steps, sensor_noise
-        self._simulation = EpisodeSimulation(self.robot, self.requirements, *options)
-        Rows([self._simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        options = num_episodes, prefetch, action_delay_steps, sensor_noise
+        self._simulation = self._simulated(where | of, *options)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
+
+    def _simulated(self, request: dict[str, Any], *options: Any) -> EpisodeSimulation:
+        """Returns the simulation of requested episodes."""
+        where = EpisodeRequest(**request, env_id=self.default_id(), robot=self.robot.uid)
+        simulation = EpisodeSimulation(self.robot, self.requirements, open_source(where), *options)
+        Rows([simulation], self.rules_of)  # kept by the simulation, until a worker joins it
+        return simulation
 
     @classmethod
     def known_mode(cls, control_mode: str | None) -> str:
@@ -153,7 +161,7 @@ class HabEnv(ObservingEnv):
 
     @classmethod
     @abstractmethod
-    def instruct(cls, episode: Episode) -> str:
+    def instruct(cls, episode: Episode, words: Words = FIXED) -> str:
         """Returns the instruction of an episode in words."""
 
     @classmethod
@@ -164,7 +172,12 @@ class HabEnv(ObservingEnv):
     @property
     def instruction(self) -> list[str]:
         """Instruction of the episode in words, one; also in `info` of a reset."""
-        return [self.instruct(self._simulation.episode)]
+        return [self.instruct(self._simulation.episode, self.words)]
+
+    @property
+    def stage_instruction(self) -> list[str]:
+        """Instruction of the current stage, one; a skill has a single stage."""
+        return self.instruction
 
     @abstractmethod
     def configure(self, changes: Mapping[str, float]) -> None:

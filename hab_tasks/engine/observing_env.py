@@ -19,6 +19,7 @@ from hab_tasks.engine.rows import read_entries
 from hab_tasks.engine.sensors import ObsEntry, observed, scale_depth
 from hab_tasks.engine.viewpoint import FIELD_OF_VIEW_RAD, FIRST_VIEW, Hit, Marks, Viewpoint
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.instructions import FIXED, Words, check_wording
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import sensor_shader
@@ -48,6 +49,7 @@ class ObservingEnv(BaseEnv):
     _simulation: EpisodeSimulation
     _viewpoint: Viewpoint
     _hides_arm: bool
+    _wording: str
     _images_on_demand = False
     _source: ImageSource
     _rays: RaySensors | None
@@ -63,16 +65,24 @@ class ObservingEnv(BaseEnv):
         )
         self._hides_arm = flag("invisible_arm", invisible_arm)
 
-    def _set_entries(
-        self, proprioception: bool, target_frame: str, handle_position: bool, depth: str
+    def _set_told(
+        self,
+        proprioception: bool,
+        target_frame: str,
+        handle_position: bool,
+        targets: str,
+        instructions: str,
+        depth: str,
     ) -> None:
-        """Selects the entries of the state observation, and the unit of depth images."""
+        """Selects state entries, the wording of instructions, and the unit of depth images."""
+        self._wording = check_wording(instructions)
         if depth not in DEPTH_UNITS:
             raise UnknownNameError("depth", depth, DEPTH_UNITS)
         self._scales_depth = depth == "m"
         flag("proprioception", proprioception)
         flag("handle_position", handle_position)
-        entries = observed(self.observation, self.handle, self.robot, target_frame, handle_position)
+        options = target_frame, handle_position, targets
+        entries = observed(self.observation, self.handle, self.robot, *options)
         self._felt = [e for e in entries if proprioception and e.proprioceptive]
         self._told = [e for e in entries if not e.proprioceptive]
 
@@ -209,6 +219,14 @@ class ObservingEnv(BaseEnv):
         return None if hit is None else (float(hit.distance), hit.component.entity.name)
 
     # Observations ----------------------------------------------------------------------------
+
+    @property
+    def words(self) -> Words:
+        """Wording of the instructions of the current episode."""
+        if self._wording == "fixed":
+            return FIXED
+        held_out = self._simulation.source.split == "test"
+        return Words(seed=self._simulation.episode.seed, held_out=held_out)
 
     @property
     def entries(self) -> tuple[ObsEntry, ...]:

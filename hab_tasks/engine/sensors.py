@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from hab_tasks.agent import TargetFrame
+from hab_tasks.agent import TargetFrame, Targets
 from hab_tasks.arrays import Floats
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M
 from hab_tasks.engine.goals import Goals
@@ -63,6 +63,7 @@ def observed(
     robot: RobotSpec,
     target_frame: str = "base",
     handle_position: bool = False,
+    targets: str = "positions",
 ) -> tuple[ObsEntry, ...]:
     """Returns the entries of an environment with this robot under its options.
 
@@ -75,6 +76,13 @@ def observed(
     chosen = of_robot(entries, robot)
     if target_frame not in get_args(TargetFrame):
         raise UnknownNameError("target_frame", target_frame, get_args(TargetFrame))
+    if targets not in get_args(Targets):
+        raise UnknownNameError("targets", targets, get_args(Targets))
+    if targets == "language":
+        if target_frame != "base" or handle_position:
+            valid = "'positions' with target_frame='ee' or handle_position=True"
+            raise OptionError.of_value("targets", targets, valid)
+        return tuple(entry for entry in chosen if entry.proprioceptive)
     if target_frame == "ee":
         if all(entry.in_ee is None for entry in chosen):
             raise OptionError.of_value("target_frame", target_frame, "'base' in a task")

@@ -23,7 +23,7 @@ from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.instructions import skill_instruction
+from hab_tasks.instructions import FIXED, Words, skill_instruction
 
 
 def config_values(config: Any) -> dict[str, float]:
@@ -79,7 +79,7 @@ class Skill:
         scores: (measures, success, maximum end-effector displacement per action [m]) -> name ->
             (N,), reported among the measures.
         bound: (config) -> maximum reward of a step; divides the normalised reward.
-        instruction: Template for `skill_instruction`, or a function of the episode.
+        instruction: Template for `skill_instruction`, or a function of the episode that returns it.
         taken_back: (measures, config) -> (N,), reward that a task takes back when a drop or another
             grasp would let a cycle be paid again; None if no cycle can be.
         done_in_task: Like `success`, the condition on which a task advances to its next skill;
@@ -181,10 +181,10 @@ class SkillEnv(HabEnv):
             cls.__doc__ = text.replace("{observation}", table)
 
     @classmethod
-    def instruct(cls, episode: Episode) -> str:
+    def instruct(cls, episode: Episode, words: Words = FIXED) -> str:
         """Returns the instruction of an episode in words."""
         said = cls.skill.instruction
-        return skill_instruction(said, episode) if isinstance(said, str) else said(episode)
+        return skill_instruction(said if isinstance(said, str) else said(episode), episode, words)
 
     def configure(self, changes: Mapping[str, float]) -> None:
         """Overrides weights and thresholds of the skill."""

@@ -20,7 +20,7 @@ from hab_tasks.episodes.generators.base import Generator, Objects, pose_scene
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
 from hab_tasks.errors import RejectedSampleError
-from hab_tasks.instructions import navigation_instruction
+from hab_tasks.instructions import navigation_template
 from hab_tasks.registration import SKILLS
 from hab_tasks.world.navigation import LayoutMaps
 from hab_tasks.world.scenes.spec import SceneSpec
@@ -141,7 +141,7 @@ def reward_bound(c: NavigateConfig) -> float:
 NAVIGATE = Skill(
     name="navigate",
     starts=NavigateStarts,
-    instruction=navigation_instruction,
+    instruction=navigation_template,
     config=NavigateConfig(),
     requirements=Requirements(names_navigation_goal=True, navigates=True),
     horizon_steps=NAVIGATE_HORIZON_STEPS,

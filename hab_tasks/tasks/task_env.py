@@ -29,7 +29,7 @@ from hab_tasks.engine.sensors import (
 )
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import UnknownNameError
-from hab_tasks.instructions import task_instruction
+from hab_tasks.instructions import FIXED, Words, stage_instruction, task_instruction
 from hab_tasks.receptacles import OPEN_RECEPTACLES, PHRASES
 from hab_tasks.registration import TAKEN, TASKS, imported_id
 from hab_tasks.robots.control_modes import MOBILE_MODES
@@ -69,9 +69,16 @@ class TaskEnv(HabEnv):
         return cls.task.spec.id
 
     @classmethod
-    def instruct(cls, episode: Episode) -> str:
+    def instruct(cls, episode: Episode, words: Words = FIXED) -> str:
         """Returns the instruction of an episode in words."""
-        return task_instruction(cls.task.spec, episode)
+        return task_instruction(cls.task.spec, episode, words)
+
+    @property
+    def stage_instruction(self) -> list[str]:
+        """Instruction of the first stage that is not reached, one."""
+        rules: Any = self.rules
+        reached = int(rules.progress.stages[self._simulation.row])
+        return [stage_instruction(self.task.spec, reached, self._simulation.episode, self.words)]
 
     def configure(self, changes: Mapping[str, float]) -> None:
         """Overrides weights and thresholds of the task's skills: ``pick.weights.force``."""

@@ -33,6 +33,7 @@ def test_rows_are_grouped_and_sorted_whatever_the_order_of_files():
         "other.json": make_record(env="HabPlace-v1"),
         "ycb.json": make_record(objects="ycb"),
         "set.json": replace(make_record(), control_mode="joint_state_pose"),
+        "language.json": make_record(targets="language", instruction="task"),
         "rules.json": replace(make_record(), skill_config={"rest_radius_m": 100.0}),
     }
     groups = build_groups(records)
@@ -40,6 +41,7 @@ def test_rows_are_grouped_and_sorted_whatever_the_order_of_files():
     assert [group.title for group in groups] == [
         "HabPick-v1, apartment",
         "HabPick-v1, apartment, changed rules: rest_radius_m=100",
+        "HabPick-v1, apartment, language",
         "HabPick-v1, apartment, objects ycb",
         "HabPick-v1, apartment, perfect arm control, perfect base control",
         "HabPlace-v1, apartment",
@@ -91,6 +93,9 @@ def test_what_an_agent_is_told_and_its_options_stand_beside_its_name():
     told = "Stub † (navigation=teleport, policy=policy.pt)"
     assert label(privileged=True, options=options) == told
     assert label(handle_position=True) == "Stub (handle_position)"
+    cameras = {"cameras": ("head",), "camera_size_px": 224, "camera_hfov_rad": 1.2}
+    told = "Stub (instruction=task, cameras=head, camera_size_px=224, camera_hfov_rad=1.2)"
+    assert label(instruction="task", **cameras) == told
     assert label(target_frame="ee", options={"a": "b"}) == "Stub (target_frame=ee, a=b)"
 
 

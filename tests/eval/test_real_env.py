@@ -1,6 +1,7 @@
 """The evaluator on a real environment in the embedded apartment."""
 
 import json
+import math
 from dataclasses import replace
 
 import pytest
@@ -9,10 +10,12 @@ from hab_eval.cli import main
 from hab_eval.records.config import EvalConfig
 from hab_eval.records.results import read_record
 from hab_eval.run import environments
+from hab_eval.run.observations import AgentView
 from hab_eval.run.runner import run_episode
 from stub_runs import results_of
 
 from hab_tasks.agent import AgentReport, AgentSetup
+from hab_tasks.agent_spaces import agent_spaces
 
 RUN = ("run", "--agent", "hab_eval:random_agent", "--env", "HabPick-v1")
 
@@ -70,11 +73,27 @@ def test_the_environment_tells_what_the_agent_asked_for():
     asked = {
         replace(spec, handle_position=True): {"object_start_from_ee", "handle_from_ee"},
         replace(spec, target_frame="ee"): {"object_start_in_ee"},
+        replace(
+            spec,
+            targets="language",
+            instruction="stage",
+            obs_mode="depth",
+            cameras=("third_person",),
+            camera_size_px=32,
+            camera_hfov_rad=1.0,
+        ): set(),
     }
     for one, entries in asked.items():
         env = environments.make_env(config, one, split="val", render=False)
-        obs, _ = env.reset(seed=0)
-        assert obs["extra"].keys() == entries
+        obs = AgentView(one)(env, env.reset(seed=0)[0])
+        assert obs.get("extra", {}).keys() == entries
+        if one.instruction:
+            assert obs["instruction"] == ["Open the drawer."]
+            assert obs["sensor_data"]["third_person"]["depth"].shape == (1, 32, 32, 1)
+            focal_px = obs["sensor_param"]["third_person"]["intrinsic_cv"][0, 0, 0]
+            assert focal_px == pytest.approx(16 / math.tan(0.5))
+            told = agent_spaces(config.env, one).observation
+            assert env.unwrapped.single_observation_space == told
         env.close()
 
 

@@ -10,7 +10,7 @@ import pytest
 from hab_eval.records import provenance
 from hab_eval.records.results import read_record
 from refusals import check_each
-from stub_runs import RUN, journal_ids, traces_of
+from stub_runs import RUN, journal_ids, results_of, traces_of
 from stub_runs import results_of as episodes_of
 
 
@@ -28,6 +28,14 @@ def test_each_episode_once_with_one_and_with_two_workers(cli, cli_process, tmp_p
     assert (record.summary.success.mean, record.summary.success.n) == (3 / 7, 7)
     assert record.summary.failures == {"force": 2, "timeout": 2}
     assert set(record.timings_s) == {episode.id for episode in record.episodes}
+
+
+def test_all_tasks_run_with_one_command(cli, tmp_path, monkeypatch):
+    monkeypatch.setattr("hab_eval.commands.run.TASKS", ("HabStub-v1", "HabOther-v1"))
+    command = (*RUN[:3], "--env", "tasks", "--episodes", 2, "--out", tmp_path)
+    for more in ((), ("--resume",)):
+        assert cli(*command, *more).returncode == 0
+        assert [len(results_of(tmp_path / n)) for n in ("HabStub-v1", "HabOther-v1")] == [2, 2]
 
 
 def test_output_is_plain_lines_then_tables_and_first_episodes_are_filmed(cli, tmp_path):

@@ -25,6 +25,13 @@ On a Ray cluster (pip install 'ray>=2.30'), from one of its nodes:
 
 Episodes of a node that dies are played again on the others."""
 
+SERVE_HELP = """Serves an agent as a policy server (pip install 'hab-eval[remote]').
+
+Example:
+  hab-eval serve --agent hab_ppo:pick_blind --env HabPick-v1 --protocol openpi --port 8000
+  hab-eval run --agent hab_eval:remote --env HabPick-v1 --option address=ws://127.0.0.1:8000 \\
+    --option protocol=openpi --out runs/remote"""
+
 BENCH_HELP = """Benchmarks speed and memory against ManiSkill's own scene environment.
 
 Example:
@@ -75,7 +82,12 @@ class EpisodeOptions:
     """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
 
     def config_of(
-        self, episodes: int, step_timeout_s: float | None = None, *, isolated: bool = False
+        self,
+        episodes: int,
+        step_timeout_s: float | None = None,
+        *,
+        isolated: bool = False,
+        instructions: str = "fixed",
     ) -> EvalConfig:
         """Returns the evaluation's configuration.
 
@@ -83,6 +95,7 @@ class EpisodeOptions:
             episodes: Number of episodes.
             step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
             isolated: Whether the agent runs in processes of its own.
+            instructions: Wording of the instructions, ``fixed`` or ``varied``.
 
         Raises:
             HabError: An agent option is not NAME=VALUE, or a value is out of range.
@@ -100,6 +113,7 @@ class EpisodeOptions:
             skill_config=parse_numbers(self.skill_config),
             step_timeout_s=step_timeout_s,
             isolated=isolated,
+            instructions=instructions,
         )
 
 
@@ -110,6 +124,9 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     help: ClassVar[str] = RUN_HELP
     work: ClassVar[str] = "hab_eval.commands.run:run"
 
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all. `tasks` evaluates in all tasks,
+    each in a folder of DIR."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Output folder for run.json, episodes.jsonl, config.json and videos."""
     episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 50
@@ -124,6 +141,8 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     isolated: bool = False
     """Run the agent in a process without environment, which knows neither the seed nor the
     episodes; the leaderboard says so. Outcomes stay the same."""
+    instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
+    """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -139,6 +158,33 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     def advice(self) -> str:
         """Returns how to continue an interrupted run."""
         return f"Finished episodes are kept in {self.out}; continue with --resume."
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServeCommand(Command):
+    """Options of `hab-eval serve`."""
+
+    help: ClassVar[str] = SERVE_HELP
+    work: ClassVar[str] = "hab_eval.commands.serve:run"
+
+    agent: Annotated[str, tyro.conf.arg(metavar="MODULE:FACTORY")]
+    """Factory of the agent, e.g. hab_ppo:pick_blind."""
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all."""
+    protocol: Annotated[str, tyro.conf.arg(metavar="NAME")]
+    """openpi or vla-eval."""
+    port: Annotated[int, tyro.conf.arg(metavar="N")] = 8000
+    """Port; 0 picks a free one."""
+    host: Annotated[str, tyro.conf.arg(metavar="ADDRESS")] = "127.0.0.1"
+    """Interface to listen on; any but the loopback interface needs a token in HAB_REMOTE_TOKEN."""
+    option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An agent option; can be repeated."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the run, as for `hab-eval run`."""
+    device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
+    """Device of the agent's networks, e.g. cuda."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
+from dataclasses import replace
 
 from rich.table import Table
 
@@ -21,9 +22,25 @@ from hab_eval.records.stats import Estimate
 from hab_eval.run.evaluate import RunOptions, evaluate
 from hab_eval.run.progress import make_reporter
 from hab_tasks.io.executors import ExecutorChoice
+from hab_tasks.registration import TASKS
+
+ALL_TASKS = "tasks"
+"""Instead of an environment id: all tasks, each in a folder of its own."""
 
 
 def run(options: RunCommand) -> int:
+    """Evaluates the agent, in one environment or in all tasks."""
+    if options.env != ALL_TASKS:
+        return run_one(options)
+    for env_id in TASKS:
+        out = options.out / env_id
+        # A task after an interrupted one has no folder yet.
+        resume = options.resume and out.exists()
+        run_one(replace(options, env=env_id, out=out, resume=resume))
+    return 0
+
+
+def run_one(options: RunCommand) -> int:
     """Evaluates the agent, then prints the results and its rank on the leaderboard."""
     run_options = RunOptions(
         out=options.out.absolute(),  # an agent may change the working directory
@@ -39,7 +56,12 @@ def run(options: RunCommand) -> int:
         verbose=options.verbose,
         write_line=lambda line: print(line, flush=True),
     )
-    config = options.config_of(options.episodes, options.step_timeout, isolated=options.isolated)
+    config = options.config_of(
+        options.episodes,
+        options.step_timeout,
+        isolated=options.isolated,
+        instructions=options.instructions,
+    )
     record = evaluate(config, run_options, reporter)
     show(result_table(record))
     print(f"wrote {options.out / 'run.json'}")

@@ -43,6 +43,7 @@ class EvalConfig:
             name -> number; absent in older files.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent runs in processes of its own; absent in older files.
+        instructions: Wording of the instructions, ``fixed`` or ``varied``.
     """
 
     agent: str
@@ -57,6 +58,7 @@ class EvalConfig:
     skill_config: dict[str, float] = field(default_factory=dict)
     step_timeout_s: float | None = None
     isolated: bool = False
+    instructions: str = "fixed"
 
     def __post_init__(self) -> None:
         whole("episodes", self.episodes, 1, MOST_EPISODES)

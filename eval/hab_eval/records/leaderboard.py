@@ -19,6 +19,7 @@ from hab_eval.records.config import EMBEDDED_DATASET, short_name
 from hab_eval.records.plain_text import markdown, markup, plain
 from hab_eval.records.provenance import COMMIT_SEPARATOR, no_longer_shipped
 from hab_eval.records.results import RunRecord, read_record
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 
 PRIVILEGED_MARK = "†"
 FEW_EPISODES = 50
@@ -204,6 +205,8 @@ def group_title(record: RunRecord) -> str:
     """Returns the group of a run: runs are comparable if and only if their titles are equal."""
     parts = [record.env, record.scene_dataset]
     parts += [f"objects {record.objects}"] if record.objects else []
+    parts += ["language"] if record.targets == "language" else []
+    parts += ["varied instructions"] if record.instructions == "varied" else []
     parts += ["perfect arm control"] if record.control_mode.startswith("joint_state") else []
     parts += ["perfect base control"] if record.control_mode.endswith("_pose") else []
     rules = [f"{name}={value:g}" for name, value in sorted(record.skill_config.items())]
@@ -294,6 +297,12 @@ def variants_of(record: RunRecord) -> list[str]:
     """Returns the options of the agent and of the skill that differ from the defaults."""
     options = [HANDLE_POSITION] * record.handle_position
     options += [f"target_frame={record.target_frame}"] * (record.target_frame != "base")
+    options += [f"instruction={record.instruction}"] if record.instruction else []
+    options += [f"cameras={'+'.join(record.cameras)}"] if record.cameras is not None else []
+    if record.camera_size_px != CAMERA_SIZE_PX:
+        options.append(f"camera_size_px={record.camera_size_px}")
+    if record.camera_hfov_rad != CAMERA_HFOV_RAD:
+        options.append(f"camera_hfov_rad={record.camera_hfov_rad:g}")
     options += [f"{name}={short_name(value)}" for name, value in record.options.items()]
     return options + [f"{name}={value:g}" for name, value in record.skill_config.items()]
 
@@ -344,6 +353,7 @@ def command_of(record: RunRecord) -> str:
     if record.step_timeout_s is not None:
         words += ["--step-timeout", f"{record.step_timeout_s:g}"]
     words += ["--isolated"] * record.isolated
+    words += ["--instructions", record.instructions] if record.instructions != "fixed" else []
     return shlex.join(words)
 
 

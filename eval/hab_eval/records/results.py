@@ -23,11 +23,18 @@ from hab_eval.records.config import MOST_EPISODES
 from hab_eval.records.provenance import AgentFiles
 from hab_eval.records.schema import parse_json, read_dataclass
 from hab_eval.records.stats import Estimate, bootstrap_mean, mean, rate
+from hab_tasks.constants import CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import OptionError, shown
 from hab_tasks.io.files import written_aside
 from hab_tasks.typed_values import Count, Name, Seconds, to_json
 
 SCHEMA_VERSION = 1
+SPEC_FIELDS = (
+    *("privileged", "control_mode", "obs_mode", "target_frame", "handle_position", "targets"),
+    *("instruction", "cameras", "camera_size_px", "camera_hfov_rad"),
+)
+"""Fields of an agent's spec that its record has, too."""
+
 SUMMARY_TOLERANCE = 1e-6
 """Relative tolerance: the last digits of bootstrap percentiles differ between NumPy versions."""
 
@@ -123,6 +130,12 @@ class RunRecord:
         obs_mode: Observation mode of the agent's spec.
         target_frame: Frame of the observed target (an option of the environment).
         handle_position: Whether the agent observed the position of the handle.
+        targets: How the goal was given: ``positions`` or ``language``; with the next four absent
+            in older files.
+        instruction: The observed instruction, ``task`` or ``stage``; None without one.
+        cameras: Names of the observed cameras; None for the environment's.
+        camera_size_px: Width and height of their images.
+        camera_hfov_rad: Their horizontal field of view.
         env: Environment id.
         scene_dataset: Name of the scene dataset.
         objects: Name of the object folder, None for the shipped objects.
@@ -132,6 +145,7 @@ class RunRecord:
         skill_config: Reward weights and thresholds that replace the skills' defaults.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent ran in processes of its own, without an environment.
+        instructions: Wording of the instructions, ``fixed`` or ``varied``.
         agent_files: The agent's code and weights; None in older files.
         versions: Package -> version.
         git: Commit of the sources, with ``-dirty`` if they were edited; all commits, joined by
@@ -151,6 +165,11 @@ class RunRecord:
     obs_mode: str
     target_frame: str = "base"
     handle_position: bool = False
+    targets: str = "positions"
+    instruction: str | None = None
+    cameras: tuple[str, ...] | None = None
+    camera_size_px: int = CAMERA_SIZE_PX
+    camera_hfov_rad: float = CAMERA_HFOV_RAD
     env: Name
     scene_dataset: Name
     objects: str | None
@@ -160,6 +179,7 @@ class RunRecord:
     skill_config: dict[str, float] = field(default_factory=dict)
     step_timeout_s: float | None = None
     isolated: bool = False
+    instructions: str = "fixed"
     agent_files: AgentFiles | None = None
     versions: dict[str, str]
     git: str | None

@@ -20,6 +20,9 @@ from hab_tasks.registration import ENTRY_POINTS
 REFERENCES = "hab_eval:"
 """Agents of this package act without looking; they are references, not results."""
 
+REMOTE = "hab_eval:remote"
+"""The exception: a policy in another process."""
+
 LEARNED = ("hab_ppo:", "hab_tp_srl:")
 NONE, AGAIN = "none", "to be run again"
 
@@ -121,12 +124,18 @@ def _best(
     own = {
         name: record
         for name, record in submissions.all.items()
-        if record.env == env and not record.agent.startswith(REFERENCES) and counts(record)
+        if record.env == env and _competes(record) and counts(record)
     }
     current = [record for name, record in own.items() if name not in submissions.again]
     if current:
         return max(current, key=_goodness)
     return AGAIN if own else NONE
+
+
+def _competes(record: RunRecord) -> bool:
+    """Whether a row is a result on the track with positions, and no reference."""
+    reference = record.agent.startswith(REFERENCES) and record.agent != REMOTE
+    return record.targets == "positions" and not reference
 
 
 def _goodness(record: RunRecord) -> tuple[bool, float, int]:

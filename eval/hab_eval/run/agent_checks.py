@@ -7,7 +7,7 @@ import json
 import math
 import os
 import traceback
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import fields
 from typing import Any, get_args, get_type_hints
 
@@ -166,10 +166,10 @@ def check_spec(spec: AgentSpec, reference: str) -> None:
     for field in fields(AgentSpec):
         value, hint = getattr(spec, field.name), hints[field.name]
         choices: Iterable[object] = get_args(hint)
-        if field.name == "files":
-            if isinstance(value, tuple) and all(_is_file(path) for path in value):
+        if field.name in TUPLES:
+            is_valid, valid = TUPLES[field.name]
+            if is_valid(value):
                 continue
-            valid = "a tuple of paths of files"
         elif choices and value not in choices:
             valid = " or ".join(repr(choice) for choice in choices)
         elif not choices and field.name != "rows" and type(value) is not hint:
@@ -181,7 +181,36 @@ def check_spec(spec: AgentSpec, reference: str) -> None:
         else:
             continue
         raise AgentError(f"{reference}: spec.{field.name} is {shown(value)}; it must be {valid}.")
+    if spec.targets == "language" and spec.privileged:
+        raise AgentError(f"{reference}: spec.privileged is true; it must be false for language.")
+    if spec.instruction is not None and not _has_groups(spec.obs_mode):
+        valid = "one with groups for an instruction, e.g. 'state_dict' or 'rgb'"
+        raise AgentError(
+            f"{reference}: spec.obs_mode is {shown(spec.obs_mode)}; it must be {valid}."
+        )
     check_rows(spec)
+
+
+def _has_groups(obs_mode: str) -> bool:
+    """Returns whether observations are dicts."""
+    return obs_mode not in ("state", "none")
+
+
+def _are_files(value: object) -> bool:
+    return isinstance(value, tuple) and all(_is_file(path) for path in value)
+
+
+def _are_names(value: object) -> bool:
+    return value is None or (
+        isinstance(value, tuple) and all(isinstance(name, str) and is_text(name) for name in value)
+    )
+
+
+TUPLES: dict[str, tuple[Callable[[object], bool], str]] = {
+    "files": (_are_files, "a tuple of paths of files"),
+    "cameras": (_are_names, "None or a tuple of names of cameras"),
+}
+"""Field -> its check, and what is valid."""
 
 
 def _is_file(path: object) -> bool:

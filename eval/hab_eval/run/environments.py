@@ -90,7 +90,7 @@ def request_of(config: EvalConfig) -> hab_tasks.EpisodeRequest:
 
 
 def make_env(
-    config: EvalConfig, spec: AgentSpec, *, split: str, render: bool, num_episodes: int = 1
+    config: EvalConfig, spec: AgentSpec, *, split: str | None, render: bool, num_episodes: int = 1
 ) -> gymnasium.Env[Any, Any]:
     """Creates the environment for an agent's spec, with `num_episodes` episodes by index.
 
@@ -111,6 +111,11 @@ def make_env(
         control_mode=spec.control_mode,
         target_frame=spec.target_frame,
         handle_position=spec.handle_position,
+        targets=spec.targets,
+        cameras=spec.cameras,
+        camera_size_px=spec.camera_size_px,
+        camera_hfov_rad=spec.camera_hfov_rad,
+        instructions=config.instructions,
         skill_config=config.skill_config,
         reward_mode="dense",
         render_mode="rgb_array" if render else None,

@@ -22,6 +22,7 @@ from hab_eval.records.config import MOST_EPISODES, EvalConfig, SavedConfig, shor
 from hab_eval.records.provenance import agent_files
 from hab_eval.records.results import (
     SCHEMA_VERSION,
+    SPEC_FIELDS,
     FinishedEpisode,
     RunRecord,
     summarize,
@@ -193,11 +194,7 @@ def make_record(
         schema=SCHEMA_VERSION,
         agent=config.agent,
         agent_name=spec.name,
-        privileged=spec.privileged,
-        control_mode=spec.control_mode,
-        obs_mode=spec.obs_mode,
-        target_frame=spec.target_frame,
-        handle_position=spec.handle_position,
+        **{name: getattr(spec, name) for name in SPEC_FIELDS},
         env=config.env,
         scene_dataset=short_name(episodes.scene_dataset),
         objects=None if config.objects is None else short_name(config.objects),
@@ -207,6 +204,7 @@ def make_record(
         skill_config=config.skill_config,
         step_timeout_s=config.step_timeout_s,
         isolated=config.isolated,
+        instructions=config.instructions,
         agent_files=saved.agent_files,
         versions=saved.versions,
         git=saved.git,

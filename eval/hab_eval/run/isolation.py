@@ -200,7 +200,8 @@ class IsolatedAgent:
 
     def _read_spec(self, data: Any) -> AgentSpec:
         try:
-            spec = AgentSpec(**{**data, "files": tuple(data["files"])})
+            cameras = None if data["cameras"] is None else tuple(data["cameras"])
+            spec = AgentSpec(**{**data, "files": tuple(data["files"]), "cameras": cameras})
         except (KeyError, TypeError) as error:
             raise AgentError(f"{self._reference}: its process sent no spec.") from error
         check_spec(spec, self._reference)

@@ -121,6 +121,10 @@ class AgentView:
         if isinstance(self._last, LazyObservation):
             self._last.expire()
         base: Any = env.unwrapped
+        if self._spec.instruction == "task":
+            obs = {**obs, "instruction": base.instruction}
+        elif self._spec.instruction == "stage":
+            obs = {**obs, "instruction": base.stage_instruction}
         readers: dict[str, Reader] = {}
         if self._spec.privileged:
             readers["privileged"] = lambda: {"privileged": base.privileged()}

@@ -18,7 +18,7 @@ from hab_eval.records import provenance
 from hab_eval.records.config import EMBEDDED_DATASET, MOST_EPISODES, EvalConfig
 from hab_eval.records.plain_text import add_row, plain
 from hab_eval.records.provenance import AgentFiles, agent_files
-from hab_eval.records.results import EpisodeResult, RunRecord
+from hab_eval.records.results import SPEC_FIELDS, EpisodeResult, RunRecord
 from hab_eval.run import environments
 from hab_eval.run.evaluate import Reporter, check_device
 from hab_eval.run.isolation import opened_agent
@@ -37,8 +37,6 @@ SCORE_TOLERANCE = 0.01
 
 SECONDS_FACTOR, LEAST_SECONDS = 10.0, 0.5
 """Seconds are different if they differ by more than any two machines do; less is not measured."""
-
-SPEC_FIELDS = ("privileged", "control_mode", "obs_mode", "target_frame", "handle_position")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +93,7 @@ class Replay:
             skill_config=record.skill_config,
             step_timeout_s=record.step_timeout_s,
             isolated=record.isolated,
+            instructions=record.instructions,
         )
 
 

@@ -20,6 +20,7 @@ from hab_eval.records.leaderboard import (
 from hab_eval.records.provenance import COMMIT_SEPARATOR
 from hab_eval.records.results import UNSAFE, EpisodeResult, RunRecord
 from hab_eval.records.stats import mean
+from hab_eval.records.status import REMOTE
 from hab_tasks.registration import ENTRY_POINTS
 
 LONGEST_SLUG = 120
@@ -125,7 +126,8 @@ def kinds_of(record: RunRecord) -> tuple[str, ...]:
     """Returns the kinds of a run's agent, and of the agents that its options name."""
     named = [value for value in record.options.values() if REFERENCE.fullmatch(value)]
     modules = [reference.partition(":")[0].partition(".")[0] for reference in named]
-    own = KINDS.get(record.agent.partition(":")[0].partition(".")[0], OTHER_KIND)
+    module = record.agent.partition(":")[0].partition(".")[0]
+    own = OTHER_KIND if record.agent == REMOTE else KINDS.get(module, OTHER_KIND)
     return tuple(sorted({own, *(KINDS[name] for name in modules if name in KINDS)}))
 
 

@@ -13,6 +13,7 @@ import gymnasium as gym
 import numpy as np
 from PIL import Image
 
+from hab_authoring.commands import contract
 from hab_authoring.commands.options import Docs
 from hab_authoring.figures.frames import Arrow, Frame, draw_frames, photo_of
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_SIZE_PX, EE_STEP_M, JOINT_STEP_RAD
@@ -37,16 +38,20 @@ from hab_tasks.tasks.task_rules import SHOWN
 
 
 def run(options: Docs) -> int:
-    """Writes the page, then the images."""
-    files = [options.out / PAGE]
+    """Writes the pages and the recorded episode, then the images."""
+    pages = [options.out / name for name in (PAGE, contract.PAGE, contract.EPISODE_FILE)]
+    files = list(pages)
     if options.pictures:
         resolve_backend("auto", wants_images=True)
         files += [options.out / name for name in (*map(picture_name, ENTRY_POINTS), FRAMES_PICTURE)]
     for file in files:
         check_file(file, force=options.force)
-    with written_aside(files[0]) as scratch:
-        scratch.write_text(page(), encoding="utf-8")
-    for file, env_id in zip(files[1:], ENTRY_POINTS, strict=False):
+    for file, text in zip(pages, (page(), contract.page()), strict=False):
+        with written_aside(file) as scratch:
+            scratch.write_text(text, encoding="utf-8")
+    with written_aside(pages[-1]) as scratch:
+        contract.write_golden(scratch)
+    for file, env_id in zip(files[len(pages) :], ENTRY_POINTS, strict=False):
         with written_aside(file) as scratch:
             Image.fromarray(picture(env_id)).save(scratch)
     if options.pictures:

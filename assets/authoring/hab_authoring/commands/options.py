@@ -172,7 +172,8 @@ class Docs(Command):
 
     help: ClassVar[
         str
-    ] = """Writes environments.md: spaces, rewards and termination of every environment.
+    ] = """Writes environments.md (spaces, rewards and termination of every environment), and
+contract.md (every entry of observations and actions) with a recorded episode.
 
 Example:
   hab-tasks docs --out docs --pictures --force"""

@@ -23,7 +23,6 @@ from hab_spa.sensing.fitted_box import (
     HeldBox,
     fit_box,
     other_things_m,
-    things,
 )
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
@@ -54,8 +53,6 @@ class SeenConfig:
         touch_margin_m: Voxels within this distance of the robot or the held object are free.
         held_margin_m: Points within this distance of the held object's box belong to it.
         unseen_m: As `held_margin_m`, for an object that was grasped without being seen.
-        held_reach_m: Points so near to the hand belong to an object held at the start, ...
-        held_most_m: ... and others of the same thing that are so near.
         reach_m: Maximum distance of obstacles from the shoulder.
         map_m: Maximum distance of mapped points from the shoulder.
         watch_steps: Interval of checks for new obstacles during a motion.
@@ -72,8 +69,6 @@ class SeenConfig:
     touch_margin_m: float = 0.003
     held_margin_m: float = 0.04
     unseen_m: float = 0.06
-    held_reach_m: float = 0.14
-    held_most_m: float = 0.3
     reach_m: float = 1.6
     map_m: float = 1.9
     watch_steps: int = 6
@@ -235,7 +230,8 @@ class SeenScene:
             world[world] = ~self._own.contain(points_m, poses, self.config.own_margin_m)
             seen.append((view, world))
         if self.holding and self._hand is None:
-            self._find_held(np.concatenate([view.points_m[world] for view, world in seen]))
+            points_m = np.concatenate([view.points_m[world] for view, world in seen])
+            self._hand = HeldBox.find(points_m, self._world_from_ee(), self.config.box)
         for view, world in seen:
             points_m = view.points_m[world]
             world[world] = ~self._in_hand(points_m, self.config.held_margin_m)
@@ -395,24 +391,6 @@ class SeenScene:
             half_size_m=box.half_size_m,
         )
         self.map.remove(box, config.held_margin_m if box.seen else config.unseen_m)
-
-    def _find_held(self, points_m: Array) -> None:
-        """Fits a box to the object held at the start: points (K, 3) near the hand, and their thing.
-
-        What it rests on or touches is as large as furniture; then only the points near the hand
-        belong to the object.
-        """
-        config, ee_from_world = self.config, invert_pose(self._world_from_ee())
-        local_m = points_m @ ee_from_world[:3, :3].T + ee_from_world[:3, 3]
-        gaps_m = np.linalg.norm(local_m, axis=1)
-        near_m = local_m[gaps_m < config.held_reach_m]
-        if len(near_m) < config.box.fewest:
-            return
-        for thing_m in things(local_m[gaps_m < config.held_most_m], config.box):
-            near = np.linalg.norm(thing_m, axis=1) < config.held_reach_m
-            if near.any() and np.ptp(thing_m, axis=0).max() < config.box.thing_m:
-                near_m = np.concatenate((near_m, thing_m))
-        self._hand = HeldBox.around(near_m)
 
 
 def _at(pose: Array, point_m: Array) -> Array:

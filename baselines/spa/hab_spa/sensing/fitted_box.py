@@ -35,6 +35,8 @@ class BoxConfig:
         fewest: Minimum number of points of a cluster; with fewer, the box has the minimum size.
         others_reach_m: Search radius for other objects.
         thing_m: Maximum extent of another object that can be grasped.
+        held_reach_m: Points so near to the hand belong to an object held at the start, ...
+        held_most_m: ... and others of the same thing that are so near.
     """
 
     reach_m: float = 0.15
@@ -52,6 +54,8 @@ class BoxConfig:
     fewest: int = 8
     others_reach_m: float = 0.35
     thing_m: float = 0.3
+    held_reach_m: float = 0.14
+    held_most_m: float = 0.3
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -167,7 +171,7 @@ def other_things_m(points_m: Array, centre_m: Array, box: FittedBox, config: Box
     near_m = points_m[near]
     near_m = near_m[~box.contains(near_m, config.link_m)]
     found = []
-    for thing_m in things(near_m, config):
+    for thing_m in _things(near_m, config):
         lower_m, upper_m = thing_m.min(axis=0), thing_m.max(axis=0)
         if (upper_m - lower_m).max() < config.thing_m:
             found.append((lower_m + upper_m) / 2)
@@ -181,7 +185,7 @@ def _object_points(
     near = np.linalg.norm(points_m - centre_m, axis=1) < config.reach_m
     if support_m is not None:
         near &= points_m[:, 2] > support_m + config.above_m
-    found = things(points_m[near], config)
+    found = _things(points_m[near], config)
     if not found:
         return np.zeros((0, 3))
     return min(found, key=lambda thing_m: np.linalg.norm(thing_m - centre_m, axis=1).min())
@@ -209,7 +213,7 @@ def _evenly_wide(own_m: Array, centre_m: Array, eye_m: Array, config: BoxConfig)
     return own_m[np.abs(along_m) <= half_m]
 
 
-def things(points_m: Array, config: BoxConfig) -> list[Array]:
+def _things(points_m: Array, config: BoxConfig) -> list[Array]:
     """Returns clusters of downsampled points (K, 3), without small ones."""
     if not len(points_m):
         return []
@@ -232,6 +236,25 @@ class HeldBox:
 
     ee_from_box: Array
     half_size_m: Array
+
+    @classmethod
+    def find(cls, points_m: Array, world_from_ee: Array, config: BoxConfig) -> HeldBox | None:
+        """Fits the box of an object held at the start to world points (K, 3) near the hand.
+
+        The object may reach farther than those. What it rests on or touches does not belong to it,
+        and is as large as furniture; then only the points near the hand do.
+        """
+        ee_from_world = invert_pose(world_from_ee)
+        local_m = points_m @ ee_from_world[:3, :3].T + ee_from_world[:3, 3]
+        gaps_m = np.linalg.norm(local_m, axis=1)
+        own_m = local_m[gaps_m < config.held_reach_m]
+        if len(own_m) < config.fewest:
+            return None
+        for thing_m in _things(local_m[gaps_m < config.held_most_m], config):
+            near = np.linalg.norm(thing_m, axis=1) < config.held_reach_m
+            if near.any() and np.ptp(thing_m, axis=0).max() < config.thing_m:
+                own_m = np.concatenate((own_m, thing_m))
+        return cls.around(own_m)
 
     @classmethod
     def around(cls, points_m: Array) -> HeldBox:

@@ -94,7 +94,7 @@ function writeAddress(table) {
 
 function startLeaderboard(root) {
   const sortSelect = document.getElementById("sort-select");
-  const columns = ["rank", "agent", "env", "scenes", "split", "kind", "privileged", "success"];
+  const columns = ["rank", "agent", "env", "scenes", "split", "kind", "privileged", "targets", "success"];
   columns.push("stages", "score", "n", "steps", "seconds", "seed");
   const table = new FilteredTable(root, columns, {
     order: "rank:asc",

@@ -18,7 +18,7 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
-RUNNING = ("README.md", "docs/index.md", "docs/vector.md")
+RUNNING = ("README.md", "docs/index.md", "docs/vector.md", "baselines/spa/README.md")
 """Pages whose Python blocks each run alone; tests/test_tutorials.py runs those of other pages."""
 
 PAGES = (

@@ -169,11 +169,10 @@ class ContactForce:
 
     def add_physics_step(self) -> None:
         """Adds the contacts of the physics step that just ended."""
-        links = self._links
+        apart = self._links.isdisjoint
         for contact in self._px.get_contacts():
-            first, second = contact.bodies
             # The engine filters contacts between held object and robot, so they are not included.
-            if first in links or second in links:
+            if not apart(contact.bodies):
                 for point in contact.points:
                     # Magnitudes are summed: of a link that is squeezed, the vectors would cancel.
                     x, y, z = point.impulse.tolist()
@@ -181,12 +180,12 @@ class ContactForce:
 
     def deepest_m(self) -> float:
         """Returns how deep the robot is in another body after the latest physics step [m]."""
-        links = self._links
+        apart = self._links.isdisjoint
         depths = (
             # PhysX's separation is negative inside.
             -point.separation
             for contact in self._px.get_contacts()
-            if contact.bodies[0] in links or contact.bodies[1] in links
+            if not apart(contact.bodies)
             for point in contact.points
         )
         return max(depths, default=0.0)

@@ -115,7 +115,7 @@ def write_cached(name: str, write: Write) -> Path:
         cause = error if isinstance(error, OSError) else error.__cause__
         if isinstance(error, DatasetError) or not isinstance(cause, OSError):
             raise
-        _say_unwritable(cause)
+        say_unwritable(cause)
     path = run_dir() / name
     with written_aside(path) as scratch:
         write(scratch)
@@ -130,7 +130,7 @@ def writable_dir(name: str) -> Path:
         with tempfile.TemporaryFile(dir=folder):
             return folder
     except OSError as error:
-        _say_unwritable(error)
+        say_unwritable(error)
     folder = run_dir() / name
     folder.mkdir(parents=True, exist_ok=True)
     return folder
@@ -154,7 +154,8 @@ def cached_file(name: str, write: Write, check: Callable[[Path], object] | None 
     return cached(name, write, read)
 
 
-def _say_unwritable(cause: OSError) -> None:
+def say_unwritable(cause: OSError) -> None:
+    """Warns that nothing is kept in the cache, once in this process."""
     warn_once(
         f"{cache_dir()}: the cache is not writable ({cause.strerror or cause}); entries are "
         "kept for this run only. Set HAB_CACHE_DIR to a writable folder."

@@ -123,3 +123,44 @@ def test_an_environment_writes_nothing_of_ours_into_an_empty_home(tmp_path):
     subprocess.run([sys.executable, "-c", code], env=env, check=True)
     assert not list((tmp_path / "home").rglob("*hab*"))
     assert not list((tmp_path / "tmp").glob("hab_tasks-*")), "the run's own folder is left"
+
+
+KERNELS = """
+from numba import njit
+@njit(cache=True)
+def one(x):
+    return x + 1
+@njit(cache=True)
+def two(x):
+    return x + 2
+"""
+LOADING = """
+import logging, resource, sys
+from hab_tasks.world.raycast.compiled import load
+resource.setrlimit(resource.RLIMIT_FSIZE, (int(sys.argv[1]),) * 2)
+module = load("kernels.mine", lambda kernels: (kernels.one(1), kernels.two(1)))
+print(module.one(2) + module.two(2))
+"""
+
+
+def test_kernels_are_compiled_in_memory_on_a_full_disk_and_again_if_damaged(tmp_path):
+    (tmp_path / "kernels").mkdir()
+    (tmp_path / "kernels/__init__.py").touch()
+    (tmp_path / "kernels/mine.py").write_text(KERNELS)
+
+    def warnings(most_bytes):
+        env = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        command = [sys.executable, "-c", LOADING, str(most_bytes)]
+        done = subprocess.run(command, env=env, capture_output=True, text=True)
+        assert (done.returncode, done.stdout) == (0, "7\n"), done.stderr
+        return done.stderr.splitlines()
+
+    (full,) = warnings(100)
+    assert "File too large" in full
+    assert "kept for this run only" in full
+    assert warnings(10**9) == []
+    for file in cache_dir().rglob("mine.two*.nbi"):
+        file.write_bytes(b"damaged")
+    (damaged,) = warnings(10**9)
+    assert "damaged cache entry" in damaged
+    assert warnings(10**9) == []

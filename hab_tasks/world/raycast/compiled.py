@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hab_tasks.io.cache import writable_dir
+from hab_tasks.io.cache import say_unwritable, writable_dir
 
 logger = logging.getLogger(__name__)
 
@@ -48,11 +48,25 @@ def load(name: str, call: Callable[[Any], object]) -> Any:
     try:
         call(module)
     except Exception as error:  # a damaged entry raises anything that pickle raises
-        logger.warning("%s: damaged cache entry (%s); it is recomputed.", folder, error)
-        functions = (entry for entry in vars(module).values() if hasattr(entry, "stats"))
-        shutil.rmtree(next(functions).stats.cache_path, ignore_errors=True)
+        _do_without(folder, module, error)
         call(module)
     return module
+
+
+def _do_without(folder: Path, module: Any, error: Exception) -> None:
+    """Removes the module's entries in the cache, or keeps new ones in memory if it is full."""
+    from numba.core.caching import NullCache
+
+    functions = [entry for entry in vars(module).values() if hasattr(entry, "stats")]
+    cached = [function for function in functions if function.stats.cache_path]
+    if isinstance(error, OSError):
+        say_unwritable(error)
+        for function in cached:
+            function._cache = NullCache()
+        return
+    logger.warning("%s: damaged cache entry (%s); it is recomputed.", folder, error)
+    for path in {function.stats.cache_path for function in cached}:
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _digest(name: str) -> str:

@@ -25,8 +25,10 @@ CLUSTER_FACES = 128
 SHORT_ROW_PX = 4
 """Vectorised loops do not pay for shorter rows."""
 
-# Calls pass arrays as many values, which costs more than the work on a small triangle.
-_inlined = njit(nogil=True, error_model="numpy", forceinline=True)
+# Without numba's counts of references, which take longer than the work on a small triangle, as do
+# calls, which pass arrays as many values.
+_OPTIONS: Any = {"nogil": True, "error_model": "numpy", "_nrt": False}
+_inlined = njit(**_OPTIONS, forceinline=True)
 
 
 class Surfaces(NamedTuple):
@@ -94,9 +96,19 @@ def cast(
         actors: (H, W) filled with 0, or (0, 0) if actor numbers are not needed.
     """
     corners = np.empty((6, 3 * CLUSTER_FACES), dtype=np.float32)
+    shape = np.empty((4, 3))
+    _cast(surfaces, instances, camera_from_body, lens, inverse_depth, actors, corners, shape)
+
+
+@njit(**_OPTIONS)
+def _cast(
+    surfaces: Any, instances: Any, poses: Any, lens: Any, inverse_depth: Any, actors: Any,
+    corners: Any, shape: Any,
+) -> None:  # fmt: skip
+    """As `cast`; `corners` and `shape` are scratch."""
     for body in range(len(instances)):
         surface, actor = instances[body]
-        pose = camera_from_body[body]
+        pose = poses[body]
         if not _in_view(surfaces.bounds_m[surface], pose, lens):
             continue
         for cluster in range(surfaces.ranges[surface, 0], surfaces.ranges[surface, 1]):
@@ -107,7 +119,7 @@ def cast(
             _project(surfaces.vertices_m[:, first : first + count], pose, lens, corners)
             chosen = surfaces.faces[first_face : first_face + faces]
             if _depth(sphere, pose) - sphere[3] < lens.near_m:
-                _draw_clipped(chosen, corners, lens, two_sided, inverse_depth, actors, actor)
+                _draw_clipped(chosen, corners, lens, two_sided, inverse_depth, actors, actor, shape)
             else:
                 _draw(chosen, corners, two_sided, inverse_depth, actors, actor)
 
@@ -173,10 +185,10 @@ def _draw(
 
 @_inlined
 def _draw_clipped(
-    faces: Any, corners: Any, lens: Any, two_sided: int, inverse_depth: Any, actors: Any, actor: int
-) -> None:
-    """Draws the visible faces of a cluster, cut off at the near plane."""
-    shape = np.empty((4, 3))
+    faces: Any, corners: Any, lens: Any, two_sided: int, inverse_depth: Any, actors: Any,
+    actor: int, shape: Any,
+) -> None:  # fmt: skip
+    """Draws the visible faces of a cluster, cut off at the near plane; `shape` is scratch."""
     for face in range(len(faces)):
         i, j, k = faces[face, 0], faces[face, 1], faces[face, 2]
         if min(corners[5, i], corners[5, j], corners[5, k]) >= lens.near_m:
@@ -199,7 +211,8 @@ def _clip(face: Any, corners: Any, lens: Any, shape: Any) -> int:
         i, j = face[edge], face[(edge + 1) % 3]
         before, after = corners[5, i] >= lens.near_m, corners[5, j] >= lens.near_m
         if before:
-            shape[size] = corners[:3, i]
+            for axis in range(3):
+                shape[size, axis] = corners[axis, i]
             size += 1
         if before != after:
             part = (lens.near_m - corners[5, i]) / (corners[5, j] - corners[5, i])

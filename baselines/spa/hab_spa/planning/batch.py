@@ -27,7 +27,11 @@ BLOCK = 16
 NO_PAIR = -1e9
 """Margin of pairs that are not checked."""
 
+ROUNDING_M = 4e-6
+"""More than single precision takes off a distance within 10 m of the arm."""
+
 Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
 Ints = NDArray[np.int64]
 Point = tuple[float, float, float]
 
@@ -39,7 +43,7 @@ class Shapes(NamedTuple):
 
     Attributes:
         chain: (J, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
-        box_m: (6, S) bounding boxes of static shapes in the arm's root frame.
+        box_m: (6, S) bounding boxes of static shapes in the arm's root frame, rounded outwards.
         place: (N + 1, 12) poses of static shapes in the root frame, of moving ones in their
             joint's.
         local_m: (N + 1, 9) bounding box in the shape's frame, radius around vertices, half
@@ -54,7 +58,7 @@ class Shapes(NamedTuple):
     """
 
     chain: NDArray[np.float64]
-    box_m: NDArray[np.float64]
+    box_m: NDArray[np.float32]
     place: NDArray[np.float64]
     local_m: NDArray[np.float64]
     span: NDArray[np.int64]
@@ -68,7 +72,7 @@ class Shapes(NamedTuple):
 
 EMPTY = Shapes(
     chain=np.zeros((0, 13)),
-    box_m=np.zeros((6, 0)),
+    box_m=np.zeros((6, 0), dtype=np.float32),
     place=np.zeros((1, 12)),
     local_m=np.zeros((1, 9)),
     span=np.zeros((1, 5), dtype=np.int64),
@@ -88,7 +92,9 @@ class Scratch(NamedTuple):
         joints: (J + 2, 12) poses of the root and the joints, and scratch.
         placed: (N + 1, 12) poses of the shapes.
         w, weight: (4, 3) a simplex and the weights (4,) of its corners.
-        near: (S,) whether a static shape is near.
+        near: (S,) whether a static shape is near; padded to a multiple of eight.
+        eight: The same memory, eight shapes at a time.
+        centre_m: (M, 3) centres of moving shapes.
         todo: (P, 2) pairs that are near.
         pose: (1, J) an arm pose.
         reach_m: (1,) the largest margin.
@@ -99,6 +105,8 @@ class Scratch(NamedTuple):
     w: Floats
     weight: Floats
     near: NDArray[np.uint8]
+    eight: NDArray[np.uint64]
+    centre_m: Floats
     todo: Ints
     pose: Floats
     reach_m: Floats
@@ -185,13 +193,13 @@ def rows_of(poses: Array) -> Array:
     return np.concatenate((poses[:, :3, :3].reshape(-1, 9), poses[:, :3, 3]), axis=1)
 
 
-def boxes_of(local_m: Array, root_from_shape: Array) -> Array:
-    """Returns the bounding boxes (6, S) in the root frame."""
+def boxes_of(local_m: Array, root_from_shape: Array) -> NDArray[np.float32]:
+    """Returns the bounding boxes (6, S) in the root frame, rounded outwards."""
     turn = root_from_shape[:, :3, :3]
     middle = (0.5 * (local_m[:, None, :3] + local_m[:, None, 3:6]) * turn).sum(axis=2)
     half = (0.5 * (local_m[:, None, 3:6] - local_m[:, None, :3]) * np.abs(turn)).sum(axis=2)
-    middle, half = middle + root_from_shape[:, :3, 3], half + local_m[:, 6:7]
-    return np.concatenate((middle - half, middle + half), axis=1).T.copy()
+    middle, half = middle + root_from_shape[:, :3, 3], half + local_m[:, 6:7] + ROUNDING_M
+    return np.concatenate((middle - half, middle + half), axis=1).T.astype(np.float32, order="C")
 
 
 def groups_of(bodies: Sequence[str], joint: NDArray[np.int64], local_m: Array, place: Array) -> Any:

@@ -150,13 +150,15 @@ class ArmCollision:
         """Whether arm poses (B, J) [rad] keep every pair's margin, (B,)."""
         self.checks += len(poses)
         answers = self._answers(poses)
-        pairs = zip(answers, poses, strict=True)
-        return np.array([self._confirmed(*both) for both in pairs], dtype=bool)
+        free = answers == batch.FREE
+        for number in np.flatnonzero(answers == batch.UNSURE):
+            free[number] = self._confirmed(batch.UNSURE, poses[number])
+        return free
 
     def contacts(self, qpos: Array) -> list[Contact]:
         """Returns all pairs of shapes closer than their margin at an arm pose (J,)."""
         found = []
-        for pair in self._undecided(qpos, batch.HIT, batch.UNSURE):
+        for pair in self._undecided(qpos, (batch.HIT, batch.UNSURE)):
             first, second = self._pair(pair)
             if self._coal.collides(qpos, first, second, self._margins_m[pair]):
                 gap_m = self._coal.distance_m(qpos, first, second)
@@ -171,21 +173,22 @@ class ArmCollision:
         margins_m = self._margins_m
         return not any(
             self._coal.collides(qpos, *self._pair(pair), margins_m[pair])
-            for pair in self._undecided(qpos, batch.UNSURE)
+            for pair in self._undecided(qpos, (batch.UNSURE,))
         )
 
     def _pair(self, pair: int) -> tuple[int, int]:
         return int(self._pairs[pair, 0]), int(self._pairs[pair, 1])
 
-    def _undecided(self, qpos: Array, *answers: int) -> list[int]:
+    def _undecided(self, qpos: Array, answers: tuple[int, ...]) -> list[int]:
         """Returns the pairs that the kernel answers in one of some ways."""
         pairs = np.empty((len(self._pairs), 2), dtype=np.int64)
         given = np.empty(len(pairs), dtype=np.uint8)
         qpos = np.ascontiguousarray(qpos[None], dtype=np.float64)
         found = batch.kernel().undecided(self._shapes, qpos, pairs, given)
-        pairs = pairs[:found][np.isin(given[:found], answers)]
+        numbers = self._number[pairs[:found, 0] - self._statics, pairs[:found, 1]].tolist()
+        said = zip(numbers, given[:found].tolist(), strict=True)
         # Sorted, so that the order does not depend on how the kernel goes through bodies.
-        return sorted(self._number[pairs[:, 0] - self._statics, pairs[:, 1]].tolist())
+        return sorted(number for number, answer in said if answer in answers)
 
     def set_margin(self, margin_m: float, less: Mapping[int, float] | None = None) -> None:
         """Sets the margin of pairs with the scene; pairs within the robot have none.
@@ -352,8 +355,8 @@ class ArmCollision:
         rest = np.array(self.robot.rest_qpos_rad)
         touching = [
             pair
-            for pair in self._undecided(rest, batch.UNSURE)
+            for pair in self._undecided(rest, (batch.UNSURE,))
             if self._coal.collides(rest, *self._pair(pair), 0.0)
         ]
-        touching += self._undecided(rest, batch.HIT)
+        touching += self._undecided(rest, (batch.HIT,))
         return np.delete(self._pairs, touching, axis=0)

@@ -5,10 +5,9 @@ from __future__ import annotations
 from math import acos, atan2, sin, sqrt
 
 import numpy as np
-from numba import njit
 
 from hab_spa.planning.batch import Floats
-from hab_spa.planning.gjk import inlined, out_of
+from hab_spa.planning.gjk import called, inlined, out_of
 from hab_spa.planning.kernel import compiled, kinematics
 
 TURN, DAMPING_OF_TRACKING = 3, 0.02
@@ -30,7 +29,7 @@ def _jacobian(
         out[3, j], out[4, j], out[5, j] = a, b, c
 
 
-@njit(nogil=True, error_model="numpy")
+@called
 def _move(
     jacobian: Floats, error: Floats, rows: int, damping: float, gram: Floats, q: Floats,
     b: int, limits: Floats,

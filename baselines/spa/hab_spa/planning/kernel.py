@@ -26,6 +26,7 @@ from hab_spa.planning.batch import (
     Point,
     Scratch,
     Shapes,
+    Singles,
 )
 from hab_spa.planning.gjk import (
     CLOSER_M,
@@ -41,6 +42,8 @@ from hab_spa.planning.gjk import (
 )
 
 compiled = njit(cache=True, nogil=True, error_model="numpy")
+
+NONE = np.float32(0.0)
 
 
 @inlined
@@ -87,15 +90,33 @@ def _centre(local_m: Floats, i: int, placed: Floats) -> Point:
 
 
 @inlined
-def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
-    """Returns the squared distance of a point from a shape's bounding box."""
+def _from_box(local_m: Floats, i: int, placed: Floats, centre: Point) -> Point:
+    """Returns the vector to a point from a shape's bounding box, in the shape's frame."""
     x, y, z = turned(
         placed, i, centre[0] - placed[i, 9], centre[1] - placed[i, 10], centre[2] - placed[i, 11]
     )
-    dx = max(local_m[i, 0] - x, x - local_m[i, 3], 0.0)
-    dy = max(local_m[i, 1] - y, y - local_m[i, 4], 0.0)
-    dz = max(local_m[i, 2] - z, z - local_m[i, 5], 0.0)
-    return dx * dx + dy * dy + dz * dz
+    return (
+        x - min(max(x, local_m[i, 0]), local_m[i, 3]),
+        y - min(max(y, local_m[i, 1]), local_m[i, 4]),
+        z - min(max(z, local_m[i, 2]), local_m[i, 5]),
+    )
+
+
+@inlined
+def _gap2(local_m: Floats, i: int, placed: Floats, centre: Point) -> float:
+    """Returns the squared distance of a point from a shape's bounding box."""
+    away = _from_box(local_m, i, placed, centre)
+    return dot(away, away)
+
+
+@inlined
+def _extent(local_m: Floats, i: int, v: Point) -> float:
+    """Returns how far a shape's bounding box reaches from its centre along a vector, times that."""
+    return 0.5 * (
+        (local_m[i, 3] - local_m[i, 0]) * abs(v[0])
+        + (local_m[i, 4] - local_m[i, 1]) * abs(v[1])
+        + (local_m[i, 5] - local_m[i, 2]) * abs(v[2])
+    )
 
 
 @called
@@ -108,7 +129,8 @@ def _voxels(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: fl
     inner_m = local_m[moving, 8] + half_m + radius_m + margin_m - CLOSER_M
     certain = margin_m >= 0.0 and inner_m > 0.0
     here, reach_m = _centre(local_m, moving, placed), over_m + half_m * sqrt(3.0)
-    placed[one] = placed[other]
+    for k in range(12):
+        placed[one, k] = placed[other, k]
     first, last = shapes.span[other, 0], shapes.span[other, 1]
     # Rounded up, as the last block may be short.
     for block in range(-((first - last) // BLOCK)):
@@ -144,8 +166,15 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
     radius_m = local_m[moving, 6] + local_m[other, 6]
     over_m = max(margin_m, 0.0) + SLACK_M + radius_m
     here = _centre(local_m, moving, placed)
-    gap2, reach_m = _gap2(local_m, other, placed, here), over_m + local_m[moving, 7]
+    away, reach_m = _from_box(local_m, other, placed, here), over_m + local_m[moving, 7]
+    gap2 = dot(away, away)
     if gap2 > reach_m * reach_m:
+        return FREE
+    # From the box to the centre: a plane across it parts the box from most shapes.
+    x, y, z = out_of(placed, other, away[0], away[1], away[2])
+    v = (x - placed[other, 9], y - placed[other, 10], z - placed[other, 11])
+    beyond = gap2 - _extent(local_m, moving, turned(placed, moving, v[0], v[1], v[2]))
+    if beyond > 0.0 and beyond * beyond > gap2 * over_m * over_m:
         return FREE
     # A sphere inside the moving shape, from its centre.
     inner_m = local_m[moving, 8] + radius_m + margin_m - CLOSER_M
@@ -158,51 +187,67 @@ def _pair(shapes: Shapes, work: Scratch, moving: int, other: int, margin_m: floa
         return FREE
     if shapes.span[other, 2] == VOXELS:
         return _voxels(shapes, work, moving, other, margin_m)
-    v = to(there, here)
+    apart = to(there, here)
     # -1 m where no sphere is known within the other shape, which makes the sum negative.
     inner_m += max(local_m[other, 8], -1.0)
-    if margin_m >= 0.0 and inner_m > 0.0 and dot(v, v) < inner_m * inner_m:
+    if margin_m >= 0.0 and inner_m > 0.0 and dot(apart, apart) < inner_m * inner_m:
         return HIT
-    # GJK starts from any direction, and equal centres give none.
-    if dot(v, v) < 1e-12:
-        v = (1.0, 0.0, 0.0)
+    if gap2 < 1e-12:
+        # GJK starts from any direction, and equal centres give none.
+        v = apart if dot(apart, apart) >= 1e-12 else (1.0, 0.0, 0.0)
     return gjk(shapes, placed, moving, other, margin_m, v, work.w, work.weight)
 
 
 @fast
 def _near(
-    box_m: Floats, x: float, y: float, z: float, reach2: float, near: NDArray[np.uint8]
-) -> None:
+    box_m: Singles, x: np.float32, y: np.float32, z: np.float32, reach2: np.float32,
+    near: NDArray[np.uint8],
+) -> None:  # fmt: skip
     """Writes whether each box (6, S) is within reach of a point."""
     for s in range(box_m.shape[1]):
-        dx = max(box_m[0, s] - x, x - box_m[3, s], 0.0)
-        dy = max(box_m[1, s] - y, y - box_m[4, s], 0.0)
-        dz = max(box_m[2, s] - z, z - box_m[5, s], 0.0)
+        dx = max(box_m[0, s] - x, x - box_m[3, s], NONE)
+        dy = max(box_m[1, s] - y, y - box_m[4, s], NONE)
+        dz = max(box_m[2, s] - z, z - box_m[5, s], NONE)
         near[s] = dx * dx + dy * dy + dz * dz < reach2
 
 
 @inlined
-def _candidates(shapes: Shapes, work: Scratch) -> int:
-    """Writes the pairs (P, 2) whose bounding spheres and boxes are within reach; returns P."""
-    statics, margin_m, count = shapes.box_m.shape[1], shapes.margin_m, 0
-    own, local_m, near, todo = shapes.own, shapes.local_m, work.near, work.todo
-    joints, placed, reach_m = work.joints, work.placed, work.reach_m[0]
-    for g in range(len(shapes.member) - 1, -1, -1):  # the hand, which collides most, first
-        x, y, z = shapes.group_m[g, 0], shapes.group_m[g, 1], shapes.group_m[g, 2]
-        x, y, z = out_of(joints, shapes.member[g, 0], x, y, z)
-        _near(shapes.box_m, x, y, z, (shapes.group_m[g, 3] + reach_m) ** 2, near)
-        for s in range(statics):
+def _with_scene(shapes: Shapes, work: Scratch, g: int) -> int:
+    """Writes the pairs (P, 2) of a group with static shapes within reach; returns P."""
+    statics, margin_m, group_m, count = shapes.box_m.shape[1], shapes.margin_m, shapes.group_m, 0
+    near, todo, first, last = work.near, work.todo, shapes.member[g, 1], shapes.member[g, 2]
+    x, y, z = group_m[g, 0], group_m[g, 1], group_m[g, 2]
+    x, y, z = out_of(work.joints, shapes.member[g, 0], x, y, z)
+    reach_m = group_m[g, 3] + work.reach_m[0]
+    single = np.float32
+    _near(shapes.box_m, single(x), single(y), single(z), single(reach_m * reach_m), near)
+    # Few are near: eight at a time are skipped.
+    for word in range(len(work.eight)):
+        if work.eight[word] == 0:
+            continue
+        for s in range(8 * word, min(8 * word + 8, statics)):
             if not near[s]:
                 continue
-            for m in range(shapes.member[g, 1], shapes.member[g, 2]):
+            for m in range(first, last):
                 if margin_m[m, s] != NO_PAIR:
                     todo[count, 0], todo[count, 1] = statics + m, s
                     count += 1
+    return count
+
+
+@inlined
+def _within(shapes: Shapes, work: Scratch) -> int:
+    """Writes the pairs (P, 2) of moving shapes within reach; returns P."""
+    own, local_m, todo, count = shapes.own, shapes.local_m, work.todo, 0
+    statics, centre_m = shapes.box_m.shape[1], work.centre_m
+    for m in range(len(centre_m)):
+        centre_m[m, 0], centre_m[m, 1], centre_m[m, 2] = _centre(local_m, statics + m, work.placed)
     for p in range(len(own)):
-        i, j = own[p, 0], own[p, 1]
-        gap = to(_centre(local_m, i, placed), _centre(local_m, j, placed))
-        reach = local_m[i, 6] + local_m[i, 7] + local_m[j, 6] + local_m[j, 7] + reach_m
-        if dot(gap, gap) < reach * reach:
+        i, j, gap2 = own[p, 0], own[p, 1], 0.0
+        for axis in range(3):
+            gap2 += (centre_m[i - statics, axis] - centre_m[j - statics, axis]) ** 2
+        reach_m = local_m[i, 6] + local_m[i, 7] + local_m[j, 6] + local_m[j, 7] + work.reach_m[0]
+        if gap2 < reach_m * reach_m:
             todo[count, 0], todo[count, 1] = i, j
             count += 1
     return count
@@ -213,14 +258,17 @@ def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
     """Checks an arm pose of (B, J): `HIT`, `FREE` or `UNSURE`."""
     statics, found = shapes.box_m.shape[1], FREE
     _place(shapes, poses, b, work)
-    count = _candidates(shapes, work)
-    for p in range(count):
-        i, j = work.todo[p, 0], work.todo[p, 1]
-        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
-        if said == HIT:
-            return HIT
-        # `UNSURE` is the larger: a pair in doubt leaves the pose in doubt, unless another one hits.
-        found = max(found, said)
+    # The hand, which collides most, first; the arm with itself last.
+    for g in range(len(shapes.member) - 1, -2, -1):
+        count = _with_scene(shapes, work, g) if g >= 0 else _within(shapes, work)
+        for p in range(count):
+            i, j = work.todo[p, 0], work.todo[p, 1]
+            said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
+            if said == HIT:
+                return HIT
+            # `UNSURE` is the larger: a pair in doubt leaves the pose in doubt, unless another one
+            # hits.
+            found = max(found, said)
     return found
 
 
@@ -239,12 +287,15 @@ def scratch(shapes: Shapes) -> Scratch:
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     if shapes.margin_m.size:
         reach_m[0] += max(0.0, shapes.margin_m.max())
+    eight = np.zeros((shapes.box_m.shape[1] + 7) // 8, dtype=np.uint64)
     return Scratch(
         joints,
         shapes.place.copy(),
         np.empty((4, 3)),
         np.empty(4),
-        np.empty(shapes.box_m.shape[1], dtype=np.uint8),
+        eight.view(np.uint8),
+        eight,
+        np.empty((len(shapes.margin_m), 3)),
         np.empty((shapes.margin_m.size, 2), dtype=np.int64),
         np.empty((1, len(shapes.chain))),
         reach_m,
@@ -281,10 +332,12 @@ def undecided(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.ui
     """
     work, statics, found = scratch(shapes), shapes.box_m.shape[1], 0
     _place(shapes, poses, 0, work)
-    for p in range(_candidates(shapes, work)):
-        i, j = work.todo[p, 0], work.todo[p, 1]
-        said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
-        if said != FREE:
-            pairs[found, 0], pairs[found, 1], answers[found] = i, j, said
-            found += 1
+    for g in range(-1, len(shapes.member)):
+        count = _with_scene(shapes, work, g) if g >= 0 else _within(shapes, work)
+        for p in range(count):
+            i, j = work.todo[p, 0], work.todo[p, 1]
+            said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
+            if said != FREE:
+                pairs[found, 0], pairs[found, 1], answers[found] = i, j, said
+                found += 1
     return found

@@ -8,12 +8,10 @@ from __future__ import annotations
 from math import ceil, sqrt
 
 import numpy as np
-from numba import njit
 
 from hab_spa.planning.batch import FREE, Floats, Ints, Scratch, Shapes
+from hab_spa.planning.gjk import called
 from hab_spa.planning.kernel import answer, compiled, scratch
-
-called = njit(nogil=True, error_model="numpy")
 
 
 @called

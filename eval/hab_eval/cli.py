@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from hab_eval.commands.options import BenchCommand, RunCommand, ServeCommand
 from hab_eval.commands.record_options import (
+    CompareCommand,
     FailuresCommand,
     FilmCommand,
     SiteCommand,
@@ -22,6 +23,7 @@ COMMANDS: dict[str, type[Command]] = {
     "serve": ServeCommand,
     "table": TableCommand,
     "failures": FailuresCommand,
+    "compare": CompareCommand,
     "site": SiteCommand,
     "submit": SubmitCommand,
     "verify": VerifyCommand,

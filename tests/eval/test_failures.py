@@ -1,10 +1,12 @@
 """Failure categories: percentages, table and figure."""
 
+import json
+
 import imageio.v2 as imageio
 import numpy as np
 import pytest
 from hab_eval.records.failures import PLANNING, categories, draw_failures, percent
-from hab_eval.records.results import write_record
+from hab_eval.records.results import video_name, write_record
 from site_records import record_of
 
 
@@ -35,6 +37,28 @@ def test_the_command_draws_and_prints(cli, tmp_path):
     for words in ("target plan", "motion plan", "execution", "timeout", "25.0", "50.0", "Other"):
         assert words in done.stdout
     assert "--force" in cli("failures", run, "--out", out).stderr
+
+
+def test_two_runs_are_compared_episode_by_episode(cli, tmp_path):
+    """Of 8 common episodes A alone solves 6 and B none: p = 2 / 2^6 = 0.03125."""
+    for name, failures, seed in (
+        ("a", [None] * 7 + ["x"], 0),
+        ("b", [None] + ["force"] * 7, 0),
+        ("c", [None] * 8, 1),
+    ):
+        (tmp_path / name).mkdir()
+        write_record(tmp_path / name / "run.json", record_of(failures, seed=seed))
+    episode = json.loads((tmp_path / "b/run.json").read_text())["episodes"][1]["id"]
+    (tmp_path / f"b/{video_name(1, episode)}.mp4").touch()
+    done = cli("compare", tmp_path / "a", tmp_path / "b")
+    assert done.returncode == 0, done.stderr
+    assert "8 common episodes: 1 solved by both, 6 by A only, 0 by B only, 1 by" in done.stdout
+    assert "p = 0.0312" in done.stdout
+    assert done.stdout.count("force, ") == 6
+    assert ".mp4" in done.stdout
+    refused = cli("compare", tmp_path / "a", tmp_path / "c" / "run.json")
+    assert refused.returncode != 0
+    assert "no common episodes" in refused.stderr
 
 
 @pytest.mark.parametrize(("timeouts", "forces"), [(4, 2), (2, 4)])

@@ -1,4 +1,4 @@
-"""The work of `hab-eval table`, `submit`, `site` and `failures`."""
+"""The work of `hab-eval table`, `submit`, `site`, `failures` and `compare`."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hab_eval.bench.report import read_report, report_table
 from hab_eval.commands.record_options import (
+    CompareCommand,
     FailuresCommand,
     SiteCommand,
     SubmitCommand,
@@ -25,6 +26,7 @@ from hab_eval.records.leaderboard import (
     leaderboard_texts,
     with_submission,
 )
+from hab_eval.records.paired import difference_table, pair_of, summary
 from hab_eval.records.plain_text import show
 from hab_eval.records.results import read_runs, write_record
 from hab_eval.records.status import TABLES
@@ -132,6 +134,18 @@ def show_failures(options: FailuresCommand) -> int:
     draw_failures(records, options.out)
     show(failure_table(records))
     print(f"wrote {options.out}")
+    return 0
+
+
+def show_comparison(options: CompareCommand) -> int:
+    """Prints what two runs differ in."""
+    runs = (options.first, options.second)
+    records = read_runs(runs)
+    pair = pair_of(records)
+    print(summary(records, pair))
+    if pair.only_first or pair.only_second:
+        show(difference_table(records, [run if run.is_dir() else run.parent for run in runs]))
+        print("Films of the others: hab-eval film RUN --episode INDEX --out DIR")
     return 0
 
 

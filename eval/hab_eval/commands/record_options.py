@@ -23,6 +23,14 @@ FAILURES_HELP = """Breaks down the failures of one or several runs by category (
 Example:
   hab-eval failures runs/tidy_house runs/set_table/run.json --out failures.png"""
 
+COMPARE_HELP = """Compares two runs on their common episodes.
+
+Prints counts, McNemar's exact test, and the episodes that only one of them solves, with their
+videos.
+
+Example:
+  hab-eval compare runs/mine runs/baseline"""
+
 SITE_HELP = """Generates the results site, a folder of static pages, from the submissions.
 
 Example:
@@ -99,6 +107,19 @@ class FailuresCommand(Command):
     """Output figure, a .png file."""
     force: bool = False
     """Overwrite FILE."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class CompareCommand(Command):
+    """Options of `hab-eval compare`."""
+
+    help: ClassVar[str] = COMPARE_HELP
+    work: ClassVar[str] = "hab_eval.commands.pages:show_comparison"
+
+    first: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="A")]
+    """A run: its folder (the --out of hab-eval run), its run.json, or a submission's file."""
+    second: Annotated[Path, tyro.conf.Positional, tyro.conf.arg(metavar="B")]
+    """The run that it is compared with."""
 
 
 @dataclass(frozen=True, kw_only=True)

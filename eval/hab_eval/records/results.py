@@ -325,7 +325,7 @@ def _first_difference(expected: object, found: object, where: str) -> str | None
 def read_runs(paths: Sequence[Path]) -> list[RunRecord]:
     """Reads finished runs, each given as its folder or its `run.json`."""
     if not paths:
-        raise OptionError("failures needs at least one run: its folder or its run.json.")
+        raise OptionError("At least one run is needed: its folder or its run.json.")
     return [_read(path) for path in paths]
 
 
@@ -369,6 +369,11 @@ def _count(path: Path) -> int:
 def video_name(index: int, episode_id: str) -> str:
     """Returns the file name of an episode's video, without suffix."""
     return f"video_{index:03d}_{UNSAFE.sub('-', episode_id)}"
+
+
+def outcome_of(episode: EpisodeResult) -> str:
+    """Returns ``success`` or the failure category."""
+    return "success" if episode.failure is None else episode.failure
 
 
 def highlights(record: RunRecord) -> tuple[int, ...]:

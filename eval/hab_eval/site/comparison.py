@@ -1,4 +1,4 @@
-"""Paired comparison of runs on the same episodes."""
+"""Sets of runs on the same episodes, for their paired comparison."""
 
 from __future__ import annotations
 
@@ -8,40 +8,12 @@ from itertools import combinations
 from typing import Any
 
 from hab_eval.records.leaderboard import group_title
-from hab_eval.records.stats import exact_mcnemar
-from hab_eval.site.entries import Entry, outcome_of, unique_slugs
+from hab_eval.records.paired import Pair, compare
+from hab_eval.records.results import outcome_of
+from hab_eval.site.entries import Entry, unique_slugs
 
-FEWEST_COMMON = 2
 MOST_COMPARED = 100
 """Runs of a set that are compared, the best ones; pairs grow with the square of their number."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Pair:
-    """Outcomes of two runs on their common episodes.
-
-    Attributes:
-        first: Index of the first run in its set.
-        second: Index of the second run.
-        n: Number of common episodes.
-        both: Number of episodes that both solve.
-        only_first: Number of episodes that only the first run solves.
-        only_second: Number of episodes that only the second run solves.
-        p_value: Of McNemar's exact test, two-sided.
-    """
-
-    first: int
-    second: int
-    n: int
-    both: int
-    only_first: int
-    only_second: int
-    p_value: float
-
-    @property
-    def difference(self) -> float:
-        """Success rate of the first run minus that of the second."""
-        return (self.only_first - self.only_second) / self.n
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,26 +47,6 @@ class ComparisonSet:
         }
 
 
-def compare(first: Entry, second: Entry, indices: tuple[int, int] = (0, 1)) -> Pair | None:
-    """Compares two runs on their common episodes; None if there are too few."""
-    a = {one.id: one.success for one in first.record.episodes}
-    b = {one.id: one.success for one in second.record.episodes}
-    common = a.keys() & b.keys()
-    if len(common) < FEWEST_COMMON:
-        return None
-    only_first = sum(a[name] and not b[name] for name in common)
-    only_second = sum(b[name] and not a[name] for name in common)
-    return Pair(
-        first=indices[0],
-        second=indices[1],
-        n=len(common),
-        both=sum(a[name] and b[name] for name in common),
-        only_first=only_first,
-        only_second=only_second,
-        p_value=exact_mcnemar(only_first, only_second),
-    )
-
-
 def comparison_sets(entries: Sequence[Entry]) -> list[ComparisonSet]:
     """Groups runs that share episodes; a set has at least one pair."""
     groups: dict[tuple[str, str], list[Entry]] = {}
@@ -105,7 +57,7 @@ def comparison_sets(entries: Sequence[Entry]) -> list[ComparisonSet]:
     for runs in groups.values():
         group = runs[:MOST_COMPARED]
         numbered = combinations(enumerate(group), 2)
-        pairs = [compare(a, b, (i, j)) for (i, a), (j, b) in numbered]
+        pairs = [compare(a.record, b.record, (i, j)) for (i, a), (j, b) in numbered]
         kept = tuple(pair for pair in pairs if pair is not None)
         if kept:
             found.append((_title(group[0]), group, kept))

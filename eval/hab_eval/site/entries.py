@@ -18,7 +18,7 @@ from hab_eval.records.leaderboard import (
     vary_command,
 )
 from hab_eval.records.provenance import COMMIT_SEPARATOR
-from hab_eval.records.results import UNSAFE, EpisodeResult, RunRecord
+from hab_eval.records.results import UNSAFE, RunRecord
 from hab_eval.records.stats import mean
 from hab_eval.records.status import REMOTE
 from hab_tasks.registration import ENTRY_POINTS
@@ -84,11 +84,6 @@ class Entry:
         """Mean rate of the stages; -1 for a skill."""
         rates = [estimate.mean for estimate in self.record.summary.stages.values()]
         return mean(rates) if rates else -1.0
-
-
-def outcome_of(episode: EpisodeResult) -> str:
-    """Returns ``success`` or the failure category."""
-    return "success" if episode.failure is None else episode.failure
 
 
 def make_entries(records: Mapping[str, RunRecord]) -> list[Entry]:

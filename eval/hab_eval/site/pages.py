@@ -10,7 +10,7 @@ from typing import Any
 
 from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
-from hab_eval.records.results import highlights
+from hab_eval.records.results import highlights, outcome_of
 from hab_eval.records.status import AGAIN_COLUMNS
 from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
@@ -25,7 +25,6 @@ from hab_eval.site.entries import (
     env_rank,
     facts_of,
     needs_path,
-    outcome_of,
     verify_command,
 )
 from hab_eval.site.media import Video, rendered

@@ -325,7 +325,7 @@ def _first_difference(expected: object, found: object, where: str) -> str | None
 def read_runs(paths: Sequence[Path]) -> list[RunRecord]:
     """Reads finished runs, each given as its folder or its `run.json`."""
     if not paths:
-        raise OptionError("At least one run is needed: its folder or its run.json.")
+        raise OptionError("failures needs at least one run: its folder or its run.json.")
     return [_read(path) for path in paths]
 
 

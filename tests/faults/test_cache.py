@@ -26,7 +26,8 @@ def use(folder, monkeypatch):
     """Uses a cache folder as a new process does: nothing is known or said yet."""
     monkeypatch.setenv("HAB_CACHE_DIR", str(folder))
     monkeypatch.setattr(cache, "_said", set())
-    monkeypatch.delenv(cache.RUN_DIR, raising=False)
+    monkeypatch.setenv(cache.RUN_DIR, "")  # so that a folder made meanwhile is forgotten
+    monkeypatch.delenv(cache.RUN_DIR)
     forget()
 
 

@@ -230,11 +230,12 @@ def save_json(value: Any, file: Path, *, sort_keys: bool) -> None:
         scratch.write_bytes(data)
 
 
-def read_episodes(file: Path) -> EpisodeSet:
-    """Reads an episode file.
+def read_episodes(file: Path, env_id: str | None = None) -> EpisodeSet:
+    """Reads an episode file; with `env_id`, one that has episodes of this environment.
 
     Raises:
-        EpisodeError: Absent, damaged, of another schema version, or with an invalid field.
+        EpisodeError: Absent, damaged, of another schema version, with an invalid field, or of
+            another environment.
     """
     raw = load_json(file)
     version = raw.pop("schema", None) if isinstance(raw, dict) else None
@@ -251,6 +252,10 @@ def read_episodes(file: Path) -> EpisodeSet:
     twice = [name for name, count in counts.items() if count > 1]
     if twice:
         raise EpisodeError(f"{file}: episode {twice[0]!r} appears twice.")
+    if env_id not in (None, found.env):
+        raise EpisodeError(f"{file}: made for {found.env}, not for {env_id}.")
+    if env_id is not None and not found.episodes:
+        raise EpisodeError(f"{file}: contains no episodes.")
     whole = tuple(with_loose(e, scenes, f"{file}: episode {e.id!r}") for e in found.episodes)
     return replace(found, episodes=whole)
 

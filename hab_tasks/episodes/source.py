@@ -13,7 +13,6 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import asdict, astuple
-from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
 
@@ -37,7 +36,7 @@ from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
 from hab_tasks.registration import TASKS, imported_id
 from hab_tasks.robots.spec import robot_of
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_dataset
+from hab_tasks.world.scenes.habitat.dataset import embedded_dataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.objects import load_objects
 from hab_tasks.world.scenes.spec import SceneSpec
@@ -63,40 +62,44 @@ class EpisodeSource:
         saved: Number of episodes of the set in the cache.
     """
 
-    def __init__(
-        self, request: EpisodeRequest, dataset: SceneDataset, folder: Path | None = None
-    ) -> None:
+    def __init__(self, request: EpisodeRequest, folder: Path | None = None) -> None:
         """Reads the data and episodes of a request; processes share new ones in `folder`."""
-        self._request = request
-        self.file = None if request.file is None else Path(request.file)
+        if request.novel not in (None, *NOVELTIES):
+            raise UnknownNameError("novelty", request.novel, NOVELTIES)
         self.env_id = imported_id(request.env_id)
+        self.file = None if request.file is None else Path(request.file)
+        given = None if self.file is None else read_episodes(self.file, self.env_id)
+        self.dataset, self.scene_id = resolve_dataset(request.scene_dataset), request.scene
+        self.split = self.dataset.resolve_split(request.split, request.scene)
+        self.objects = load_objects(request.objects)
+        self._make_generator, version = generator_of(self.env_id)
+        self.made_from = made_from(self.dataset, self.objects, version)
+        if given is not None:
+            where, now = str(self.file), self.made_from
+            check_made_from(where, given.scene_dataset, given.made_from, self.dataset, now)
+            for episode in given.episodes:
+                self.dataset.scene_file(episode.scene_id)
+        self._request, self._folder = request, folder
         self.seed, self.novel = request.seed, request.novel
         others = {self.novel, request.robot} - {None, EpisodeRequest.robot}
         self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
-        self.dataset, self.scene_id = dataset, request.scene
-        self.objects = load_objects(request.objects)
-        self.split = _split(dataset, request.split, request.scene)
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
         self._generator: generators.Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._included: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
-        self._folder, self._set_read, self.saved = folder, (0, 0), 0
-        if self.file is not None:
-            self._take_file(self.file)
-        else:
+        self._set_read, self.saved = (0, 0), 0
+        if given is None:
             self._take_generated()
+        else:
+            self._take(given)
+            self.split, self.available, self.made_from = given.split, len(given), given.made_from
 
     def _take_generated(self) -> None:
-        dataset = self.dataset
         scope = "-".join(part for part in (self.split, self.scene_id) if part) + self._variant
-        self._make_generator, version = generator_of(self.env_id)
-        self.made_from = made_from(dataset, self.objects, version)
-        kind = self.made_from.objects
+        dataset, kind = self.dataset, self.made_from.objects
         self._name = f"{self.env_id}.{dataset.name}.{kind}.{scope}.{self.seed}.json.gz"
-        shipped = dataset.root == embedded_dataset().resolve()
-        embedded = _shipped_folder() / self._name if shipped else None
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
         spec = (task and (task.targets, task.starts_open, task.clutter, task.clutter_on)) or ()
@@ -104,7 +107,9 @@ class EpisodeSource:
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
         self.making, self._key = f"{self._cached}.making", stable_hash(self._cached)
-        if embedded is not None and embedded.exists():
+        shipped = embedded_dataset()
+        embedded = shipped.parent / "episodes" / self._name
+        if dataset.root == shipped.resolve() and embedded.exists():
             self._take(read_episodes(embedded))
             self._included = dict(self._episodes)
         self._read_set()
@@ -307,20 +312,6 @@ class EpisodeSource:
         self._episodes.update(enumerate(episodes.episodes))
         self.rejections = Counter(episodes.rejections)
 
-    def _take_file(self, file: Path) -> None:
-        given = read_episodes(file)
-        if given.env != self.env_id:
-            raise EpisodeError(f"{file}: made for {given.env}, not for {self.env_id}.")
-        if not given.episodes:
-            raise EpisodeError(f"{file}: contains no episodes.")
-        now = made_from(self.dataset, self.objects)
-        check_made_from(str(file), given.scene_dataset, given.made_from, self.dataset, now)
-        self.made_from = given.made_from
-        for episode in given.episodes:
-            self.dataset.scene_file(episode.scene_id)
-        self._take(given)
-        self.split, self.available = given.split, len(given)
-
 
 class _SharedSources(NamedTuple):
     sources: dict[EpisodeRequest, EpisodeSource]
@@ -352,34 +343,14 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
         DatasetError: The dataset is damaged.
         EpisodeError: The episode file is damaged, or for another env.
     """
-    if request.novel not in (None, *NOVELTIES):
-        raise UnknownNameError("novelty", request.novel, NOVELTIES)
-    dataset = resolve_dataset(request.scene_dataset)
-    if request.scene is not None:
-        dataset.scene_file(request.scene)
     shared = _shared.get()
     if shared is None:
-        return EpisodeSource(request, dataset)
+        return EpisodeSource(request)
     if request not in shared.sources:
-        shared.sources[request] = EpisodeSource(request, dataset, shared.folder)
+        shared.sources[request] = EpisodeSource(request, shared.folder)
     return shared.sources[request]
 
 
 def _start_worker(request: EpisodeRequest) -> Callable[[int], Made]:
     logging.disable(logging.WARNING)  # already logged by the parent
     return open_source(request).make
-
-
-def _split(dataset: SceneDataset, split: str | None, scene_id: str | None) -> str:
-    if scene_id is not None and split is None:
-        for name in ("train", "val", "test"):
-            if scene_id in dataset.scenes_of_split(name):
-                return name
-        return "none"
-    return dataset.resolve_split(split)
-
-
-def _shipped_folder() -> Path:
-    # Imported by name: packaging maps the folder assets/ there, which type checkers miss.
-    assets = import_module("hab_tasks.assets")
-    return Path(next(iter(assets.__path__))) / "episodes"

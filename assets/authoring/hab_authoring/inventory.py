@@ -12,12 +12,7 @@ from hab_tasks.geometry import IDENTITY
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.world.scenes.build import BodyBuilder
 from hab_tasks.world.scenes.fields import is_present, read_fields
-from hab_tasks.world.scenes.habitat.dataset import (
-    SPLIT_MACROS,
-    SceneDataset,
-    embedded_dataset,
-    resolve_objects,
-)
+from hab_tasks.world.scenes.habitat.dataset import SPLIT_MACROS, SceneDataset, embedded_dataset
 from hab_tasks.world.scenes.habitat.load import (
     articulated_receptacles,
     load_scene,
@@ -26,6 +21,7 @@ from hab_tasks.world.scenes.habitat.load import (
     read_lamps,
 )
 from hab_tasks.world.scenes.habitat.navmesh import read_navmesh
+from hab_tasks.world.scenes.objects import resolve_objects
 from hab_tasks.world.scenes.physics import bare_scene
 from hab_tasks.world.scenes.spec import ArticulationInstance, Stage
 from hab_tasks.world.scenes.urdf import check_urdf

@@ -10,12 +10,11 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from hab_tasks.errors import DatasetError
+from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.world.scenes.fields import Fields, check_number, is_present, read_fields
-from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, resolve_objects
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, maniskill_folder
 from hab_tasks.world.scenes.habitat.load import load_template
-from hab_tasks.world.scenes.mesh_checks import check_mesh
 from hab_tasks.world.scenes.meshes import parts_file
 from hab_tasks.world.scenes.spec import CollisionSource, ObjectTemplate
 from hab_tasks.world.scenes.urdf import read_urdf
@@ -39,8 +38,23 @@ def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
     """
     if folder is None:
         return _embedded_objects()
-    root = resolve_objects(folder)
-    return _maniskill_objects(root) if (root / "models").is_dir() else _google_objects(root)
+    return _ycb_objects(resolve_objects(folder))
+
+
+def resolve_objects(name_or_path: str | Path) -> Path:
+    """Returns the folder for ``ycb``, as ManiSkill has downloaded it, or for a folder's path.
+
+    Raises:
+        UnknownNameError: Neither the known name nor an existing folder.
+        DatasetError: ManiSkill has not downloaded it.
+    """
+    root = Path(name_or_path).expanduser()
+    if not root.is_dir() and str(name_or_path) == "ycb":
+        return maniskill_folder("ycb")
+    if not root.is_dir():
+        valid = ["ycb", "PATH of a YCB folder (omit for embedded)"]
+        raise UnknownNameError("objects", str(name_or_path), valid)
+    return root
 
 
 def _embedded_objects() -> dict[str, ObjectTemplate]:
@@ -55,47 +69,36 @@ def _embedded_objects() -> dict[str, ObjectTemplate]:
     return found
 
 
-def _google_objects(root: Path) -> dict[str, ObjectTemplate]:
-    masses = _urdf_masses(root)
+def _ycb_objects(root: Path) -> dict[str, ObjectTemplate]:
+    of_maniskill = (root / "models").is_dir()
+    masses_kg = {} if of_maniskill else _urdf_masses(root)
+    info = Fields(root / "info_pick_v0.json", {})
+    if of_maniskill and is_present(info.file):
+        info = read_fields(info.file)
     found = {}
     for name in ALL_OBJECTS:
-        folder = root / name / "google_16k"
-        visual, collision = folder / "textured.obj", folder / "textured_vhacd.stl"
-        if not is_present(collision):
+        meshes = root / "models" / name if of_maniskill else root / name / "google_16k"
+        visual = meshes / "textured.obj"
+        collision = meshes / ("collision.ply" if of_maniskill else "textured_vhacd.stl")
+        if not (of_maniskill or is_present(collision)):
             collision = visual
-        _require(root, name, visual, collision)
-        found[name] = _template(name, visual, collision, masses.get(name), DEFAULT_DENSITY_KG_M3)
-    return found
-
-
-def _maniskill_objects(root: Path) -> dict[str, ObjectTemplate]:
-    info_file = root / "info_pick_v0.json"
-    info = read_fields(info_file) if is_present(info_file) else Fields(info_file, {})
-    found = {}
-    for name in ALL_OBJECTS:
-        folder = root / "models" / name
-        visual, collision = folder / "textured.obj", folder / "collision.ply"
-        _require(root, name, visual, collision)
+        for file in (visual, collision):
+            if not is_present(file):
+                raise DatasetError(f"{root}: object {name} has no {file.relative_to(root)}.")
+            if file.stat().st_size == 0:
+                raise DatasetError(f"{file}: the file is empty.")
+        parts, volume_m3 = parts_file(collision)
         about = info.part(name, optional=True)
-        density = about.number("density", DEFAULT_DENSITY_KG_M3, above=0.0)
-        found[name] = _template(name, visual, collision, None, density)
+        density_kg_m3 = about.number("density", DEFAULT_DENSITY_KG_M3, above=0.0)
+        found[name] = ObjectTemplate(
+            name=name,
+            visual_file=visual,
+            collision=(CollisionSource(kind="convex_parts", file=parts),),
+            mass_kg=masses_kg.get(name, volume_m3 * density_kg_m3),
+            friction=YCB_FRICTION,
+            up=YCB_UP,
+        )
     return found
-
-
-def _template(
-    name: str, visual: Path, collision: Path, mass_kg: float | None, density_kg_m3: float
-) -> ObjectTemplate:
-    parts, volume_m3 = parts_file(collision)
-    if mass_kg is None:
-        mass_kg = volume_m3 * density_kg_m3
-    return ObjectTemplate(
-        name=name,
-        visual_file=visual,
-        collision=(CollisionSource(kind="convex_parts", file=parts),),
-        mass_kg=mass_kg,
-        friction=YCB_FRICTION,
-        up=YCB_UP,
-    )
 
 
 def _urdf_masses(root: Path) -> dict[str, float]:
@@ -109,10 +112,3 @@ def _urdf_masses(root: Path) -> dict[str, float]:
             value = as_number(mass.get("value"))
             masses[match[0]] = check_number(file, "mass value", value, above=0.0)
     return masses
-
-
-def _require(root: Path, name: str, *files: Path) -> None:
-    for file in files:
-        if not is_present(file):
-            raise DatasetError(f"{root}: object {name} has no {file.relative_to(root)}.")
-        check_mesh(file)

@@ -123,22 +123,6 @@ def resolve_dataset(name_or_path: str | Path) -> SceneDataset:
     return SceneDataset(root)
 
 
-def resolve_objects(name_or_path: str | Path) -> Path:
-    """Returns the folder for ``ycb``, as ManiSkill has downloaded it, or for a folder's path.
-
-    Raises:
-        UnknownNameError: Neither the known name nor an existing folder.
-        DatasetError: ManiSkill has not downloaded it.
-    """
-    root = Path(name_or_path).expanduser()
-    if not root.is_dir() and str(name_or_path) == "ycb":
-        return maniskill_folder("ycb")
-    if not root.is_dir():
-        valid = ["ycb", "PATH of a YCB folder (omit for embedded)"]
-        raise UnknownNameError("objects", str(name_or_path), valid)
-    return root
-
-
 def maniskill_folder(asset: str) -> Path:
     """Returns the folder of one of `MANISKILL_ASSETS`; downloads nothing.
 
@@ -294,12 +278,21 @@ class SceneDataset:
         found = (name for name in SPLIT_MACROS if scene_id in self.scenes_of_split(name))
         return next(found, "test")
 
-    def resolve_split(self, split: str | None) -> str:
-        """Returns `split`; None picks the least-seen split available.
+    def resolve_split(self, split: str | None, scene_id: str | None = None) -> str:
+        """Returns `split`; None picks the split of a scene, or the least-seen split available.
+
+        A scene that belongs to no split has ``none``.
 
         Raises:
-            UnknownNameError: No such split, or none of its scenes are in this dataset.
+            UnknownNameError: No such scene, no such split, or none of its scenes are in this
+                dataset.
         """
+        if scene_id is not None:
+            self.scene_file(scene_id)
+            if split is None:
+                return next(
+                    (s for s in SPLIT_MACROS if scene_id in self.scenes_of_split(s)), "none"
+                )
         present = [name for name in SPLIT_PREFERENCE if self.scenes_of_split(name)]
         if split is None and present:
             return present[0]

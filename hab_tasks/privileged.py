@@ -44,7 +44,7 @@ class CollisionBody:
 
     Attributes:
         name: Unique in the scene, e.g. ``kitchen_counter_0/drawer3``, ``024_bowl``,
-            ``<robot>/gripper_link``.
+            ``<robot>/<link>``.
         group: ``stage``, ``static``, ``furniture`` (articulated), ``object`` (loose) or ``robot``.
         shapes: All its collision shapes.
     """

@@ -43,8 +43,6 @@ _MARGIN_M = 0.15
 """Clearance behind the camera."""
 
 _SKIN_M = 0.02
-_HAND = ("gripper", "wrist")
-"""Substrings of the names of the hand's links, which do not count as occluding it."""
 
 
 def _pose(candidate: int) -> sapien.Pose:
@@ -68,12 +66,15 @@ class Viewpoint:
         snapshot = world.snapshot
         base = np.asarray(snapshot.base[0], dtype=float)
         hand_m = np.asarray(snapshot.ee_m[0], dtype=float)
-        name = world.held_name()
+        robot, held = world.robot, world.held_name()
+        # The last two joints are the wrist's. ManiSkill prefixes names of actors: ``scene-0_NAME``.
+        hand = (*robot.arm_links[-2:], robot.ee_link, *robot.finger_links)
+        hand += () if held is None else (held,)
         new = world.episode.id != self._episode
-        if not new and _sees(self._chosen, base, hand_m, name, cast):
+        if not new and _sees(self._chosen, base, hand_m, hand, cast):
             return None
         self._episode = world.episode.id
-        seeing = (i for i in range(len(CANDIDATES_M)) if _sees(i, base, hand_m, name, cast))
+        seeing = (i for i in range(len(CANDIDATES_M)) if _sees(i, base, hand_m, hand, cast))
         found = next(seeing, None)
         if found is None:  # the first candidate outside walls, else the current one
             found = next(
@@ -90,8 +91,8 @@ def in_world(candidate: int, base: Array) -> Array:
     return _to_world(np.array(CANDIDATES_M[candidate]), base)
 
 
-def _sees(candidate: int, base: Array, hand_m: Array, held: str | None, cast: CastRay) -> bool:
-    """Returns whether the hand is in view and not occluded."""
+def _sees(candidate: int, base: Array, hand_m: Array, hand: tuple[str, ...], cast: CastRay) -> bool:
+    """Returns whether the hand is in view; bodies named in `hand` do not count as occluding it."""
     camera_m = in_world(candidate, base)
     ahead = _to_world(np.array(LOOK_AT_M), base) - camera_m
     ahead = ahead / np.linalg.norm(ahead)
@@ -104,7 +105,7 @@ def _sees(candidate: int, base: Array, hand_m: Array, held: str | None, cast: Ca
     hit = cast(camera_m, way_m / distance_m, distance_m)
     if hit is None or hit[0] > distance_m - _SKIN_M:
         return True
-    return hit[1] == held or any(part in hit[1] for part in _HAND)
+    return hit[1].endswith(hand)
 
 
 def _stands_free(candidate: int, base: Array, cast: CastRay) -> bool:

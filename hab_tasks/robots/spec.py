@@ -44,14 +44,14 @@ class RobotSpec:
         rest_position_m: Resting end-effector in the base frame (E.3).
         rest_qpos_rad: Arm pose with the end-effector there (within 0.1 mm).
         locked_qpos: Joints that the paper does not control -> position [m or rad].
+        lift_joint: The one of them that lifts the arm along the base's z axis, None without one.
         base_joints: Joints of x, y and yaw of the base.
         base_link: The link whose frame is the base frame.
         base_height_m: Height of that frame above the floor.
         base_linear_speed_m_s: Maximum linear speed.
         base_angular_speed_rad_s: Maximum angular speed.
         body_links: Links of the base and of what it carries, near which objects are awake.
-        finger_joints: The joints of the gripper.
-        finger_links: Their child links.
+        finger_links: The links of the gripper's fingers.
         ee_link: The link that carries the gripper.
         ee_offset_m: Offset of the end-effector point from `ee_link` along its x axis.
         ee_lower_m: Lower corner of the end-effector's workspace box in the base frame.
@@ -68,13 +68,13 @@ class RobotSpec:
     rest_position_m: Point
     rest_qpos_rad: tuple[float, ...]
     locked_qpos: Mapping[str, float]
+    lift_joint: str | None
     base_joints: tuple[str, str, str]
     base_link: str
     base_height_m: float
     base_linear_speed_m_s: float
     base_angular_speed_rad_s: float
     body_links: tuple[str, ...]
-    finger_joints: tuple[str, ...]
     finger_links: tuple[str, ...]
     ee_link: str
     ee_offset_m: float

@@ -26,13 +26,13 @@ FETCH = RobotSpec(
         "l_gripper_finger_joint": 0.04,
         "r_gripper_finger_joint": 0.04,
     },
+    lift_joint="torso_lift_joint",
     base_joints=("root_x_axis_joint", "root_y_axis_joint", "root_z_rotation_joint"),
     base_link="base_link",
     base_height_m=0.005,  # the base's mesh ends at z = 0 and must not rub on the floor
     base_linear_speed_m_s=1.0,
     base_angular_speed_rad_s=3.14,
     body_links=("torso_lift_link", "base_link"),
-    finger_joints=("l_gripper_finger_joint", "r_gripper_finger_joint"),
     finger_links=("l_gripper_finger_link", "r_gripper_finger_link"),
     ee_link="gripper_link",
     ee_offset_m=0.08,  # 5 cm beyond the fingers

@@ -22,8 +22,6 @@ from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.robots.spec import RobotSpec
 
-TORSO_JOINT = "torso_lift_joint"
-
 
 @dataclass(frozen=True, kw_only=True)
 class CollisionConfig:
@@ -66,8 +64,8 @@ class ArmCollision:
         robot: The robot.
         limits_rad: Lower and upper limits (J,) of its arm.
         checks: Number of collision checks so far.
-        base_from_arm: (4, 4) pose of the arm model's root (torso as in `robot.locked_qpos`) in
-            the base frame; differs from the identity when the torso stands elsewhere.
+        base_from_arm: (4, 4) pose of the arm model's root (as at `robot.locked_qpos`) in
+            the base frame; differs from the identity when `robot.lift_joint` stands elsewhere.
         arm_from_world: (4, 4) pose of the world in the frame of that root.
     """
 
@@ -98,7 +96,8 @@ class ArmCollision:
         # By body; what lies in a drawer is looked up in the initial state, once.
         self._moving: dict[str, NDArray[np.intp]] = {}
         self.base_from_arm = np.eye(4)
-        self.base_from_arm[2, 3] = state.locked_qpos[TORSO_JOINT] - robot.locked_qpos[TORSO_JOINT]
+        if (lift := robot.lift_joint) is not None:
+            self.base_from_arm[2, 3] = state.locked_qpos[lift] - robot.locked_qpos[lift]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
         reach_m = self.config.reach_m
         self._items = collect(robot, state, held, obstacles, self.arm_from_world, reach_m)

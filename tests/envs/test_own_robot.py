@@ -29,7 +29,7 @@ class LowFetch(HabFetch):
 
 
 @pytest.fixture
-def low_fetch(tmp_path, monkeypatch):
+def low_fetch(tmp_path):
     meshes = f'filename="{FETCH.urdf_path().parent}/'
     for suffix in (".urdf", ".srdf"):
         text = FETCH.urdf_path().with_suffix(suffix).read_text().replace('filename="', meshes)
@@ -49,16 +49,18 @@ def low_fetch(tmp_path, monkeypatch):
         cameras={"arm": arm, "side": side},
     )
     register_robot(LowFetch.spec, f"{__name__}:LowFetch")
-    monkeypatch.setattr(ENVS["HabPick-v1"].env, "robot", LowFetch.spec)
 
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("low_fetch")
 @pytest.mark.parametrize("factory", [straight_line, spa_priv])
-def test_it_plays_pick_from_its_own_starts(factory):
-    agent, won = factory(agent_setup("HabPick-v1")), []
+def test_it_plays_pick_from_its_own_starts(factory, monkeypatch):
+    with monkeypatch.context() as patch:  # agents plan for the class's robot
+        patch.setattr(ENVS["HabPick-v1"].env, "robot", LowFetch.spec)
+        agent, won = factory(agent_setup("HabPick-v1")), []
     options = {"obs_mode": "depth", "cameras": ["side"], "control_mode": agent.spec.control_mode}
-    env = gym.make("HabPick-v1", **options, split="val", num_episodes=3)
+    options |= {"split": "val", "num_episodes": 3, "robot_uids": LowFetch.uid}
+    env = gym.make("HabPick-v1", **options)
     for index in range(3):
         obs, _ = env.reset(seed=0, options={"episode": index})
         assert obs["sensor_data"]["side"]["depth"].float().std() > 0.01

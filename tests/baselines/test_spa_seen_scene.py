@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hab_spa.planning.ik import BatchArm
-from hab_spa.scenes.known_positions import KnownPositions
+from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
 
 from hab_tasks.robots.cameras import camera_pose

@@ -43,7 +43,7 @@ class TrainCommand(Command):
     """Options of `hab-ppo train`."""
 
     help: ClassVar[str] = TRAIN_HELP
-    work: ClassVar[str] = "hab_ppo.train_run:run"
+    work: ClassVar[str] = "hab_ppo.trainer:run"
 
     recipe: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
     """A recipe of `hab-ppo list`, or `module:NAME` for your own."""

@@ -33,10 +33,10 @@ from hab_ppo.examples import Examples
 from hab_ppo.network import Policy
 from hab_ppo.plan import CLONED, DEMONSTRATIONS, DISTILLED_SO_FAR, TrainPlan, check_same
 from hab_ppo.ppo import Guide
-from hab_ppo.practice import Lesson, practise
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, Distillation, Recipe, RecipeError, changed
 from hab_ppo.recipes import find_recipe
+from hab_ppo.replay import Lesson, practise
 from hab_ppo.rows import info_keys, policy_rows
 from hab_tasks.errors import OptionError
 from hab_tasks.io.console import tell

@@ -11,9 +11,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from hab_navigator.network import is_navigator
-from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.executor import Executor, ExecutorConfig, MotionLog
 from hab_plans.motion import Command, Motion
-from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
 from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Team

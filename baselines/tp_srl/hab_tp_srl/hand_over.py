@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from hab_plans.executor import MotionLog
 from hab_plans.motion import RELEASE, Motion
-from hab_plans.motion_log import MotionLog
 from hab_plans.protocols import NavigationRequest, Navigator
 from hab_plans.stage import Stage
 from hab_spa.motion.moves import RETURN_SHARE, follow, wait

@@ -22,8 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import Fronts, changed, is_there
-from hab_tp_srl.sight import Look, middle_m
+from hab_tp_srl.sight import Fronts, Look, changed, is_there, middle_m
 
 GONE_M = 0.09
 """The middle of what is seen of an object is so near to its centre of mass."""

@@ -13,10 +13,9 @@ from hab_ppo.demonstration_file import Followed, read_examples, write_examples
 from hab_ppo.examples import Examples
 from hab_ppo.network import new_policy
 from hab_ppo.observation import Observation, ObservationLayout
-from hab_ppo.practice import Lesson, practise
 from hab_ppo.recipe import NetworkConfig
 from hab_ppo.recipes import find_recipe
-from hab_ppo.replay import Disturbance, replay
+from hab_ppo.replay import Disturbance, Lesson, practise, replay
 from hab_ppo.retiming import Follower, Recorded, Stretch, spaced, stretches, within_workspace
 from refusals import check_each, refused_by_call
 

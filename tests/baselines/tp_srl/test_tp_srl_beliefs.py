@@ -10,10 +10,9 @@ from hab_navigator.network import HEADINGS
 from hab_navigator.views import SIDE
 from hab_spa.sensing.cloud import DepthView
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.fronts import Fronts, changed, is_there
 from hab_tp_srl.navigators import LearnedNavigator
 from hab_tp_srl.providers import InTurn
-from hab_tp_srl.sight import Look
+from hab_tp_srl.sight import Fronts, Look, changed, is_there
 from hab_tp_srl.view import TaskView
 
 from hab_tasks.robots.fetch import FETCH

@@ -2,22 +2,25 @@
 
 A row is a verb, its arguments and, where needed, a table of options. `box`, `span`, `soft`, `post`
 and `bar_handle` are methods of `Builder`; `see.*` adds a visible shape of `shapes` or `outlines`,
-`hit.*` a collision shape of `solids`, and `vessel` both (`vessels`). Verbs for the rows at their
+`hit.*` a collision shape of `solids`, and `vessel` both. Verbs for the rows at their
 end: `flip` (axis) adds them on the other side, `mirror` there and then as they are, and `repeat`
 (count, step) several times; `turn` (axis, angle) and `move` (offset) displace them. A receptacle is
 a name, the centre of its bottom, and half sizes.
 """
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from hab_authoring.apartment import outlines, shapes, solids, vessels
+from hab_authoring.apartment import outlines, shapes, solids
 from hab_authoring.apartment.builder import FRICTION, Builder, finished, free_box
 from hab_authoring.apartment.model import (
+    Array,
     Articulation,
     Box,
+    Convex,
     Joint,
     Link,
     ObjectModel,
@@ -107,8 +110,8 @@ def _add(make: Builder, verb: str, *row: Any) -> None:
     elif verb == "vessel":
         outside, *rest = given
         if not isinstance(outside[0], list):
-            outside = vessels.curve(*outside)
-        vessels.add(make, vessels.Vessel(outside, *rest, **options))
+            outside = _curve(*outside)
+        _add_vessel(make, _Vessel(outside, *rest, **options))
     elif verb == "see.span":
         make.span(*given, solid=False)
     elif verb.startswith("see."):
@@ -159,3 +162,79 @@ def _visible(
 def _floats(values: Row) -> tuple[float, float, float]:
     x, y, z = values
     return float(x), float(y), float(z)
+
+
+Chain = list[tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class _Vessel:
+    """The outside as (radius, height) in metres from the foot's edge to the rim, and its wall."""
+
+    outside: Chain
+    wall_m: float
+    floor_m: float
+    material: str
+    lining: str
+    pieces: int = 7
+    sides: int = 24
+    base_m: float = 0.0
+
+
+def _curve(foot_m: float, rim_m: float, height_m: float, power: float, steps: int = 6) -> Chain:
+    """Return an outside that bulges for powers below 1, is a cone at 1, and flares above."""
+    share = np.linspace(0.0, 1.0, steps)
+    return [(foot_m + (rim_m - foot_m) * float(t) ** power, height_m * float(t)) for t in share]
+
+
+def _add_vessel(make: Builder, vessel: _Vessel) -> None:
+    """Add the vessel's surfaces, its bottom, and a _ring of convex wall pieces."""
+    out, wall, floor = vessel.outside, vessel.wall_m, vessel.floor_m
+    inside, base_m = _inside(vessel), vessel.base_m
+    rim = [out[-1], (out[-1][0] - wall / 2, out[-1][1] + wall / 2), inside[0]]
+    place = (0.0, base_m, 0.0)
+    make.see(
+        shapes.lathe([[(0.0, 0.0), out[0]], out], vessel.material, vessel.sides, place),
+        shapes.lathe([rim, inside], vessel.lining, vessel.sides, place),
+    )
+    make.convexes.append(
+        solids.frustum(out[0][0], _radius_at(out, floor), base_m, base_m + floor, 16)
+    )
+    make.convexes += [solids.moved(piece, place) for piece in _walls(vessel)]
+
+
+def _radius_at(chain: Chain, height_m: float) -> float:
+    """Return the radius of a chain with rising heights."""
+    return float(np.interp(height_m, [y for _, y in chain], [r for r, _ in chain]))
+
+
+def _inside(vessel: _Vessel) -> Chain:
+    wall, floor = vessel.wall_m, vessel.floor_m
+    above = [(r - wall, y) for r, y in vessel.outside if y > floor * 1.2]
+    low = (_radius_at(vessel.outside, floor) - wall, floor)
+    return [*above[::-1], low, (0.0, floor)]
+
+
+def _walls(vessel: _Vessel) -> list[Convex]:
+    """Return wall pieces whose outside follows the bulge; their inside is a straight cone."""
+    out, wall, floor = vessel.outside, vessel.wall_m, vessel.floor_m
+    top = out[-1][1]
+    outer: Chain = [(_radius_at(out, floor), floor), *((r, y) for r, y in out if y > floor * 1.2)]
+    inner: Chain = [(outer[0][0] - wall, floor), (out[-1][0] - wall, top)]
+    turn = 2 * np.pi / vessel.pieces
+    return [
+        solids.hull(
+            np.vstack(
+                [_ring(outer, np.array([0, 0.5, 1]) * turn), _ring(inner, np.array([0, turn]))]
+            )
+            @ shapes.rotation_matrix("y", -k * turn).T
+        )
+        for k in range(vessel.pieces)
+    ]
+
+
+def _ring(chain: Sequence[tuple[float, float]], angles_rad: Array) -> Array:
+    """Return the points (N, 3) of a profile at the given angles about +y."""
+    return np.array(
+        [(r * np.cos(a), y, r * np.sin(a)) for a in angles_rad for r, y in chain], float
+    )

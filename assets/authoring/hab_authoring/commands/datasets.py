@@ -1,26 +1,34 @@
-"""`hab-tasks assets` and `figures`: an optimised copy of a dataset, and its figures as PNG."""
+"""`hab-tasks assets`, `figures` and `convert`: optimised copies, figures, Habitat's format."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from tqdm import tqdm
 
-from hab_authoring.commands.options import Assets, Figures
+from hab_authoring.commands.options import Assets, Convert, Figures
 from hab_authoring.figures.layouts import draw_macros, draw_micros, draw_wild
 from hab_authoring.figures.rearrangement import draw_episodes, figure_name
 from hab_authoring.figures.statistics import draw_categories, draw_furniture
+from hab_authoring.habitat.convert import OWN_KEY, draw_starts, is_habitat, read_habitat, to_habitat
+from hab_authoring.habitat.entry import START
 from hab_authoring.inventory import macro_layouts, micro_variations
 from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import OBJECTS_FOLDER, Footprint, optimise
-from hab_tasks.episodes import read_episodes
+from hab_tasks.commands.episodes import check_ending
+from hab_tasks.episodes.schema import read_episodes, save_json, write_episodes
 from hab_tasks.errors import EpisodeError, HabError, RenderingUnavailableError
 from hab_tasks.io.console import progress_bar
 from hab_tasks.io.files import check_file
+from hab_tasks.registration import imported_id
 from hab_tasks.rendering import resolve_backend
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
+from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.spec import ObjectTemplate
 
 LINES = 10
 """Number of progress lines when stdout is not a terminal."""
@@ -126,3 +134,48 @@ def _episode_jobs(files: Iterable[Path], dataset: SceneDataset) -> dict[str, Dra
             dataset.scene_file(episode.scene_id)
         jobs[name] = partial(draw_episodes, dataset, episodes)
     return jobs
+
+
+def run_convert(options: Convert) -> int:
+    """Converts the file, then prints a summary."""
+    check_ending(options.out)
+    check_file(options.out, force=options.force)
+    if options.env is not None:
+        imported_id(options.env)
+    dataset, objects = resolve_dataset(options.scene_dataset), load_objects(options.objects)
+    convert = _from_habitat if is_habitat(options.source) else _to_habitat
+    convert(options, dataset, objects)
+    return 0
+
+
+def _from_habitat(
+    options: Convert, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]
+) -> None:
+    with progress_bar("episode") as progress:
+        made = read_habitat(options.source, dataset, objects, options.env, progress)
+    with progress_bar("start") as progress:
+        made = draw_starts(made, dataset, objects, progress)
+    write_episodes(made, options.out)
+    print(f"wrote {len(made)} episodes ({made.split}) for {made.env} to {options.out}")
+    kept = Counter(key for e in made.episodes for key in e.habitat.get("kept", ()))
+    print(f"  kept for conversion back: {_listed(kept)}")
+    drawn = sum(START in e.habitat for e in made.episodes)
+    print(f"  robot starts, which Habitat samples at each reset, sampled once: {drawn}")
+    print("  dropped: nothing")
+
+
+def _to_habitat(
+    options: Convert, dataset: SceneDataset, objects: Mapping[str, ObjectTemplate]
+) -> None:
+    with progress_bar("episode") as progress:
+        raw = to_habitat(read_episodes(options.source), dataset, objects, progress)
+    save_json(raw, options.out, sort_keys=False)
+    print(f"wrote {len(raw['episodes'])} episodes in Habitat's format to {options.out}")
+    own: list[Mapping[str, Any]] = [(e.get("info") or {}).get(OWN_KEY, {}) for e in raw["episodes"]]
+    beside = Counter(key for fields in (*own, raw.get(OWN_KEY, {})) for key in fields)
+    print(f"  stored under {OWN_KEY!r}, which Habitat ignores: {_listed(beside)}")
+    print("  dropped: nothing")
+
+
+def _listed(counts: Mapping[str, int]) -> str:
+    return ", ".join(f"{name} ({times})" for name, times in sorted(counts.items())) or "nothing"

@@ -150,7 +150,7 @@ are kept.
 
 Example:
   hab-tasks convert tidy_house.json.gz --scene-dataset ~/data/replica_cad --out tidy.json.gz"""
-    work: ClassVar[str] = "hab_authoring.commands.convert:run"
+    work: ClassVar[str] = "hab_authoring.commands.datasets:run_convert"
 
     source: tyro.conf.Positional[Path]
     """An episode file, .json or .json.gz."""

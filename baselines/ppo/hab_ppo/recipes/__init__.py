@@ -6,7 +6,7 @@ from importlib import import_module
 from types import ModuleType
 
 from hab_ppo.recipe import Recipe
-from hab_ppo.recipes import drawers, fridge, navigate, pick, place
+from hab_ppo.recipes import doors, navigate, pick, place
 from hab_tasks.errors import HabError, UnknownNameError
 
 
@@ -17,7 +17,7 @@ def _recipes(module: ModuleType) -> dict[str, Recipe]:
 
 RECIPE_FILES = {
     recipe.name: module
-    for module in (pick, place, drawers, fridge, navigate)
+    for module in (pick, place, doors, navigate)
     for recipe in _recipes(module).values()
 }
 """The module of each recipe, which holds it under its name in capitals."""

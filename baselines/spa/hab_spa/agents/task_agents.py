@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from hab_plans.executor import Executor, ExecutorConfig
+from hab_plans.executor import Executor, ExecutorConfig, MotionLog
 from hab_plans.motion import Motion
-from hab_plans.motion_log import MotionLog
 from hab_plans.plan import plan_of
 from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team

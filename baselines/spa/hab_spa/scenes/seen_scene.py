@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
-from hab_spa.scenes.known_positions import KnownPositions
+from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import (

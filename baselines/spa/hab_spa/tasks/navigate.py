@@ -9,8 +9,8 @@ import numpy as np
 import torch
 from hab_eval.run.agents import load_agent
 from hab_plans.belief import point_of
+from hab_plans.executor import MotionLog
 from hab_plans.motion import Failure, Motion
-from hab_plans.motion_log import MotionLog
 from hab_plans.protocols import BasePose, NavigationRequest
 from hab_plans.stage import Stage
 

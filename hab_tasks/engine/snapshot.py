@@ -65,6 +65,8 @@ class Snapshot:
 
         `others` are held, held_handle, lost and force_n.
         """
+        # Columns after the arm's, as `read` fills them: base 0 to 2, end-effector 3 to 5, its axes
+        # 6 to 14, the end-effector in the base frame 15 to 17, the base's axes 18 to 26.
         count, fixed = len(table), table[:, arm:]
         ends = _FIXED + 3 * objects, _FIXED + 3 * (objects + articulations)
         return Snapshot(

@@ -155,7 +155,7 @@ class TaskView:
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
         """Whether what the hand has taken since a look was seen elsewhere than at a point (3,).
 
-        Nothing is known if what was taken was hidden.
+        Or what was seen at the point still stands there. Nothing is known of what was hidden.
         """
         held = self.felt.held
         if held is None or self.felt.doubts[held] >= MOST_DOUBTS:
@@ -163,6 +163,8 @@ class TaskView:
         here_m = self._in_base(point_m)
         # What has gone is what was nearer before.
         after = self.look(robot)
+        if before.stands(after, here_m):
+            return True
         gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
         gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
         others = (
@@ -172,8 +174,8 @@ class TaskView:
         return min(gaps_m, default=np.inf) > GONE_M and any(others)
 
     def see_front(self, look: Look, number: int) -> None:
-        """Notes what is seen before a door or drawer is opened."""
-        if self.felt.openings[number] == "closed":
+        """Notes what is seen before a door or drawer is first opened."""
+        if self._openings[number] == "closed":
             self._fronts.see(number, self._to_frame(look.surfaces_m))
 
     def see_opened(self, look: Look, number: int) -> None:

@@ -38,7 +38,7 @@ class Fronts:
         self._hands_m: dict[int, Array] = {}
 
     def see(self, number: int, points_m: Array) -> None:
-        """Notes surfaces (P, 3) seen while a door or drawer is closed: its handle was not grasped."""
+        """Notes surfaces (P, 3) seen before the handle was grasped: till then it is closed."""
         if number not in self._hands_m:
             before_m = self._surfaces_m.get(number, np.zeros((0, 3)))
             self._surfaces_m[number] = np.concatenate((before_m, points_m))

@@ -127,10 +127,18 @@ class Look:
         same = np.abs(behind_m) < CHANGED_M
         return len(same) >= LEAST and bool(same.mean() > SAME)
 
-    def held_m(self, ee_m: Array) -> Array | None:
-        """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is."""
+    def held_m(self, ee_m: Array, before: Look | None = None) -> Array | None:
+        """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is.
+
+        If an earlier look is given, with the arm as it is now, only of what has appeared since.
+        """
         near = np.linalg.norm(self.points_m - ee_m, axis=-1) < IN_HAND_M
-        cloud_m = max(self._clouds(near & ~self.own), key=len, default=None)
+        if before is None:
+            seen = self._clouds(near & ~self.own)
+        else:
+            seen = self.appeared(before, ee_m)
+            seen = [one_m for one_m in seen if np.linalg.norm(middle_m(one_m) - ee_m) < IN_HAND_M]
+        cloud_m = max(seen, key=len, default=None)
         return None if cloud_m is None else middle_m(cloud_m)
 
     def _clouds(self, shown: NDArray[Any]) -> list[Array]:

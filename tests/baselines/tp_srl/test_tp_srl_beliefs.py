@@ -126,8 +126,15 @@ def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, stays,
     view, before = TaskView(truth=False, feels=True), look(depth_m)
     view.felt = FeltBeliefs(STARTS_M, GOALS_M, [])
     view.felt.held, view._located = 0, (0.0, 0.0, 0.0)
+    hand = {"ee_position": np.zeros((1, 3)), "ee_rotation": np.eye(3)[None, :2].reshape(1, 6)}
+    view._obs = {"agent": hand}
     view.look = lambda robot: look(later_m)
     assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is took_other
+    # 15 cm below the hand, pixels are 0.15 cm apart; the middle is at x 0.03 m, and 1.5 cm farther.
+    later_m[45:55, 65:75] = 0.15
+    for held_m, other in (((0.045, 0.0, -0.15), False), ((0.045, 0.08, -0.15), True)):
+        view._held_in_ee_m = np.array(held_m)
+        assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is other
 
 
 def test_what_has_moved_is_driven_to_anew():

@@ -170,7 +170,7 @@ class LearnedSkill:
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
-        if self.view.feels and self.policy.sees_images:
+        if self.view.sees:
             if stage.articulation is not None:
                 return (yield from self._move(robot, stage, ending, stage.articulation))
             if self.policy.control.base == "still":  # two looks from one place can be compared

@@ -49,7 +49,7 @@ class TaskView:
     """What the robot of one row observes in a task.
 
     Attributes:
-        truth, feels: As given.
+        truth, feels, sees: As given.
         felt: What it believes without ground truth.
     """
 
@@ -61,6 +61,7 @@ class TaskView:
         openings: Sequence[Opening] = (),
         inside: Sequence[int | None] = (),
         feels: bool = False,
+        sees: bool = False,
     ) -> None:
         """Creates a view.
 
@@ -72,8 +73,9 @@ class TaskView:
             openings: Which doors and drawers are open at the start of an episode.
             inside: For each object, the number of the one into which it is to be put.
             feels: Whether it notices where an object was let go, and looks for it there.
+            sees: Whether, then, it also looks with the head camera.
         """
-        self.truth, self.feels = truth, feels
+        self.truth, self.feels, self.sees = truth, feels, feels and sees
         self._aims_object, self._openings, self._inside = aims_object, openings, inside
         self._obs: Mapping[str, Any] = {}
         self._row = 0

@@ -11,7 +11,7 @@ from hab_navigator.views import SIDE
 from hab_spa.sensing.cloud import DepthView
 from hab_tp_srl.felt import FeltBeliefs
 from hab_tp_srl.navigators import LearnedNavigator
-from hab_tp_srl.providers import InTurn
+from hab_tp_srl.providers import InTurn, LearnedSkill
 from hab_tp_srl.sight import Fronts, Look, changed, is_there
 from hab_tp_srl.view import TaskView
 
@@ -134,6 +134,21 @@ def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, stays,
     for held_m, other in (((0.045, 0.0, -0.15), False), ((0.045, 0.08, -0.15), True)):
         view._held_in_ee_m = np.array(held_m)
         assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is other
+
+
+@pytest.mark.parametrize(
+    ("x_m", "base", "far"), [(1.9, "still", True), (1.7, "still", False), (1.9, "drives", False)]
+)
+def test_what_no_arm_reaches_is_not_begun(x_m, base, far):
+    entries = {("extra", "point_in_base"): np.array((x_m, 0.0, 0.9))}
+    view = SimpleNamespace(feels=True, sees=False, truth=False, begin=lambda stage: None)
+    view.point, view.entries = (lambda stage: None), (lambda stage, point_m: entries)
+    policy = SimpleNamespace(control=SimpleNamespace(base=base))
+    skill = LearnedSkill(task=None, policy=policy, view=view)  # pyright: ignore
+    assert skill._is_far(stage("pick", 0)) is far
+    if far:
+        with pytest.raises(StopIteration, match="EXECUTION"):
+            next(skill.start(None, stage("pick", 0)))  # pyright: ignore
 
 
 def test_what_has_moved_is_driven_to_anew():

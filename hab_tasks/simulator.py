@@ -27,6 +27,7 @@ __all__ = [
     "INHERITED_OPTIONS",
     "PREBUILT_SHADER_CONFIGS",
     "REGISTERED_ENVS",
+    "cameras_by_name",
     "change_cameras",
     "convert_observation_to_space",
     "parse_obs_mode_to_struct",
@@ -42,14 +43,21 @@ INHERITED_OPTIONS = tuple(inspect.signature(BaseEnv.__init__).parameters)[1:]
 """Options of the installed ManiSkill's environments."""
 
 _SENSOR_CHANGES = ("update_sensor_configs_from_dict", "update_camera_configs_from_dict")
-"""Names of one function, the newest first."""
+_SENSOR_PARSERS = ("parse_sensor_configs", "parse_camera_configs")
+"""Names of one function each, the newest first."""
 
 
 def change_cameras(cameras: dict[str, CameraConfig], changes: Mapping[str, Any]) -> None:
     """Applies ManiSkill's option `sensor_configs` to cameras by name, in place."""
-    (change, *_) = (getattr(camera, name) for name in _SENSOR_CHANGES if hasattr(camera, name))
+    (change,) = (getattr(camera, name) for name in _SENSOR_CHANGES if hasattr(camera, name))
     # Copied, as ManiSkill's function removes entries from its argument.
     change(cameras, copy.deepcopy(dict(changes)))
+
+
+def cameras_by_name(cameras: Any) -> dict[str, Any]:
+    """Returns one camera, several, or a dict of them, as ManiSkill's classes define them."""
+    (parse,) = (getattr(camera, name) for name in _SENSOR_PARSERS if hasattr(camera, name))
+    return parse(cameras)
 
 
 def use_settings(config: SimConfig) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 from mani_skill.envs.sapien_env import BaseEnv
 
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.option_values import entries
 from hab_tasks.rendering import RAYS, resolve_backend
 from hab_tasks.simulator import CPU_SIM_BACKENDS, INHERITED_OPTIONS, parse_obs_mode_to_struct
 
@@ -40,6 +41,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
     if options.get("num_envs", 1) != 1:
         raise OptionError.of_value("num_envs", options["num_envs"], f"1. {ADVICE}")
     check_backend(options.get("sim_backend"))
+    entries("sensor_configs", options.get("sensor_configs"))
     _check_obs_mode(options.get("obs_mode"))
 
 

@@ -216,6 +216,12 @@ class ObservingEnv(BaseEnv):
             views[name] = images["rgb"].to(self.device)
         return views
 
+    def hand_and_force(self) -> str:
+        """Returns the object in the hand and the accumulated contact force, for captions."""
+        simulation = self._simulation
+        force_n = float(simulation.rows.measures.force_total_n[simulation.row])
+        return f"holds {simulation.privileged().held or 'no object'}, force {force_n:.0f} N"
+
     def _hide(self) -> None:
         """Hides human-only visuals from sensors; ManiSkill resets this after every image."""
         hidden: Any

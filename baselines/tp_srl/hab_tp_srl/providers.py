@@ -20,6 +20,7 @@ from hab_spa.tasks.planned_skills import PlannedSkill
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.base_poses import TURNING_M, features, start_pose
 from hab_tp_srl.ending import Ending
+from hab_tp_srl.hand_over import reset_arm
 from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.sight import Look
 from hab_tp_srl.skill import learned
@@ -27,6 +28,9 @@ from hab_tp_srl.view import TaskView
 
 BETWEEN_LOOKS, MOST_WATCHED, SAME_M = 10, 60, 0.01
 """What was placed is looked at every so many steps, until it lies where it lay in the last look."""
+
+REACHED_M = 1.8
+"""No arm on a base that stands reaches a point so far from it: the navigator has not arrived."""
 
 Policies = Mapping[str, Sequence[SkillPolicy | AgentPolicy | SkillProvider[Robot] | None]]
 """Skill -> policies, providers of another package, or None for planning, in turn."""
@@ -163,13 +167,20 @@ class LearnedSkill:
     def start(self, robot: Robot, stage: Stage) -> Motion:
         """Returns the motion of the skill."""
         self.view.begin(stage)
-        if not _can_start(robot, stage):
-            return _nothing_held()
+        if not _can_start(robot, stage) or self._is_far(stage):
+            return _not_started()
         ending = Ending(self.task, stage, self.view, robot.scene if self.view.truth else None)
         return self._run(robot, stage, ending)
 
+    def _is_far(self, stage: Stage) -> bool:
+        """Whether a robot that feels where it is knows that its arm cannot reach the point."""
+        if not self.view.feels or self.policy.control.base != "still":
+            return False
+        point_m = self.view.entries(stage, self.view.point(stage))["extra", "point_in_base"]
+        return float(np.hypot(point_m[0], point_m[1])) > REACHED_M
+
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
-        if self.view.feels and self.policy.sees_images:
+        if self.view.sees:
             if stage.articulation is not None:
                 return (yield from self._move(robot, stage, ending, stage.articulation))
             if self.policy.control.base == "still":  # two looks from one place can be compared
@@ -204,9 +215,11 @@ class LearnedSkill:
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)
-        elif stage.drawer is None and view.took_other(robot.spec, before, point_m):
-            yield from self._put_back(robot, stage)
-            return Failure.EXECUTION
+        elif stage.drawer is None and view.holding:
+            yield from reset_arm(robot)  # so that it hides what it hid before
+            if view.took_other(robot.spec, before, point_m):
+                yield from self._put_back(robot, stage)
+                return Failure.EXECUTION
         return failure
 
     def _watch(self, robot: Robot, stage: Stage, before: Look) -> Motion:
@@ -249,14 +262,14 @@ class PlannedPart(PlannedSkill):
     def start(self, robot: Robot, stage: Stage) -> Motion:
         """Returns the motion of the skill."""
         self.view.begin(stage)
-        return super().start(robot, stage) if _can_start(robot, stage) else _nothing_held()
+        return super().start(robot, stage) if _can_start(robot, stage) else _not_started()
 
 
 def _can_start(robot: Robot, stage: Stage) -> bool:
     return stage.skill != "place" or robot.scene.holding
 
 
-def _nothing_held() -> Motion:
-    """Fails at once: there is nothing to place."""
+def _not_started() -> Motion:
+    """Fails at once: there is nothing to place, or nothing in reach."""
     yield from ()
     return Failure.EXECUTION

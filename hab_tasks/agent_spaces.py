@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
-from mani_skill.utils.gym_utils import convert_observation_to_space
 
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, CameraParameters
 from hab_tasks.engine.hab_env import HabEnv
@@ -22,6 +20,7 @@ from hab_tasks.errors import OptionError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import action_space
+from hab_tasks.simulator import convert_observation_to_space, parse_obs_mode_to_struct
 from hab_tasks.world.raycast.scene import CV_FROM_SAPIEN
 
 CAMERA_MATRICES = {"extrinsic_cv": (3, 4), "cam2world_gl": (4, 4), "intrinsic_cv": (3, 3)}

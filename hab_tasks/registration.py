@@ -199,6 +199,21 @@ def imported_id(reference: str) -> str:
     return env_id
 
 
+def registered_id(env: Any) -> str:
+    """Returns the id of an environment class.
+
+    Raises:
+        HabError: The class is not registered.
+    """
+    env_id, name = env.default_id(), env.__qualname__
+    if env_id not in ENTRY_POINTS:
+        raise HabError(
+            f"{name} is not registered; call hab_tasks.register_skill({env_id!r}, "
+            f"'{env.__module__}:{name}', horizon_steps={env.horizon_steps}) before making one."
+        )
+    return env_id
+
+
 def reference_of(env_id: str) -> str:
     """Returns ``module:X-v1``, which `gym.make` accepts without a prior import."""
     module = _modules[env_id]

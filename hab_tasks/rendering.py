@@ -8,9 +8,10 @@ from typing import Any
 
 import sapien
 import torch
-from mani_skill.render.shaders import PREBUILT_SHADER_CONFIGS, ShaderConfig, set_shader_pack
+from mani_skill.render.shaders import ShaderConfig
 
 from hab_tasks.errors import RenderingUnavailableError, UnknownNameError
+from hab_tasks.simulator import PREBUILT_SHADER_CONFIGS, set_shader_pack
 
 RAYS = "rays"
 """Depth on the CPU along each pixel's ray, without a renderer (`hab_tasks.world.raycast`)."""

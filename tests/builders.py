@@ -14,7 +14,6 @@ import sapien
 import torch
 import trimesh
 from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Actor
 from mani_skill.utils.structs.types import SimConfig
 
@@ -26,6 +25,7 @@ from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot, world_to_base
 from hab_tasks.episodes import Episode
 from hab_tasks.robots.fetch.agent import HabFetch
+from hab_tasks.simulator import parse_sim_and_render_backend
 from hab_tasks.world.scenes.physics import MOVING, set_groups
 
 TABLE_SIZE_M = (1.0, 0.8, 0.6)

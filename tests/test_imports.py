@@ -231,6 +231,19 @@ def test_imports_between_packages_go_one_way():
                 assert not heads & (later - {name}), path
 
 
+def test_functions_of_maniskill_are_called_in_one_module():
+    """So that one module knows its versions; classes and the names here are its interface."""
+    interface = {"register", "register_agent", "look_at", "ASSET_DIR", "mani_skill"}
+    wrong = []
+    for path, package in modules(ROOT / "hab_tasks"):
+        for found in imports_of(path, package):
+            name = found.rpartition(".")[2]
+            is_class = not (name.isupper() or name.islower())
+            if found.startswith("mani_skill") and not is_class and name not in interface:
+                wrong.append(f"{path.relative_to(ROOT)} imports {found}")
+    assert {entry.partition(" ")[0] for entry in wrong} == {"hab_tasks/simulator.py"}, wrong
+
+
 def test_a_package_tells_its_version():
     for package, folder in (("hab_tasks", "."), ("hab_eval", "eval")):
         project = tomllib.loads((ROOT / folder / "pyproject.toml").read_text())["project"]

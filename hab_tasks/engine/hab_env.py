@@ -33,7 +33,7 @@ from hab_tasks.episodes.source import open_source
 from hab_tasks.errors import ActionError, EpisodeError, UnknownNameError
 from hab_tasks.instructions import FIXED, Words
 from hab_tasks.option_values import entries, row_numbers, seeds
-from hab_tasks.registration import reference_of
+from hab_tasks.registration import reference_of, registered_id
 from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.control_modes import nearest_mode
 from hab_tasks.robots.spec import RobotSpec, agent_class, robot_of
@@ -135,7 +135,7 @@ class HabEnv(ObservingEnv):
 
     def _simulated(self, request: dict[str, Any], *options: Any) -> EpisodeSimulation:
         """Returns the simulation of requested episodes."""
-        where = EpisodeRequest(**request, env_id=self.default_id(), robot=self.robot.uid)
+        where = EpisodeRequest(**request, env_id=registered_id(type(self)), robot=self.robot.uid)
         simulation = EpisodeSimulation(self.robot, self.requirements, open_source(where), *options)
         Rows([simulation], self.rules_of)  # kept by the simulation, until a worker joins it
         return simulation

@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from mani_skill.envs.sapien_env import BaseEnv
-from mani_skill.envs.utils.observations import parse_obs_mode_to_struct
-from mani_skill.envs.utils.system.backend import CPU_SIM_BACKENDS
 
 from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.option_values import entries
 from hab_tasks.rendering import RAYS, resolve_backend
+from hab_tasks.simulator import CPU_SIM_BACKENDS, INHERITED_OPTIONS, parse_obs_mode_to_struct
 
 ADVICE = (
     "Several rows run on CPU cores: gymnasium.make_vec('hab_tasks:HabPick-v1', num_envs=N), about "
@@ -20,7 +19,6 @@ ADVICE = (
 )
 OBS_MODES = "'state', 'state_dict', 'none', or textures joined by '+', e.g. 'rgb+depth'"
 RENDER_MODES = ("human", "rgb_array", "sensors", "all")
-INHERITED = tuple(inspect.signature(BaseEnv.__init__).parameters)[1:]
 
 
 def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]) -> None:
@@ -32,9 +30,9 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
         UnknownNameError: Unknown option, reward mode or render mode.
         OptionError: Invalid observation mode, more than one row, or simulation on a GPU.
     """
-    valid = [name for name in (*own, *INHERITED) if name not in ("self", "kwargs")]
+    valid = [name for name in (*own, *INHERITED_OPTIONS) if name not in ("self", "kwargs")]
     for name in options:
-        if name not in INHERITED:
+        if name not in INHERITED_OPTIONS:
             raise UnknownNameError(f"option of {env}", name, valid)
     known = {"reward_mode": BaseEnv.SUPPORTED_REWARD_MODES, "render_mode": RENDER_MODES}
     for name, modes in known.items():
@@ -43,6 +41,7 @@ def check_inherited(env: str, own: Mapping[str, Any], options: Mapping[str, Any]
     if options.get("num_envs", 1) != 1:
         raise OptionError.of_value("num_envs", options["num_envs"], f"1. {ADVICE}")
     check_backend(options.get("sim_backend"))
+    entries("sensor_configs", options.get("sensor_configs"))
     _check_obs_mode(options.get("obs_mode"))
 
 

@@ -23,9 +23,10 @@ from hab_tasks.instructions import FIXED, Words, check_wording
 from hab_tasks.option_values import flag
 from hab_tasks.privileged import Array
 from hab_tasks.rendering import sensor_shader
-from hab_tasks.robots.cameras import CameraRig, HiddenArm
+from hab_tasks.robots.cameras import CameraRig, HiddenArm, new_camera, split_sensor_configs
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.simulator import cameras_by_name
 
 RENDER_SIZE_PX = 512
 VIEW_SIZE_PX = 256
@@ -53,6 +54,7 @@ class ObservingEnv(BaseEnv):
     _images_on_demand = False
     _source: ImageSource
     _rays: RaySensors | None
+    _ray_cameras: list[CameraConfig]
     _views: dict[str, Camera]
     _marks: Marks | None
 
@@ -64,6 +66,7 @@ class ObservingEnv(BaseEnv):
             self.robot, self.cameras if cameras is None else cameras, size_px, hfov_rad
         )
         self._hides_arm = flag("invisible_arm", invisible_arm)
+        self._new_cameras: dict[str, dict[str, Any]] = {}
 
     def _set_told(
         self,
@@ -90,7 +93,7 @@ class ObservingEnv(BaseEnv):
         """Stores and returns ManiSkill's render_backend, chosen by ours and ManiSkill's options."""
         obs_mode = options.get("obs_mode") or "state"
         images = obs_mode not in WITHOUT_IMAGES
-        if images and not self._rig.names:
+        if images and not self._rig.names and not options.get("sensor_configs"):
             names = list(self.robot.cameras)
             valid = f"some of {names} with obs_mode={obs_mode!r}, or obs_mode 'state'"
             raise OptionError.of_value("cameras", (), valid)
@@ -115,13 +118,27 @@ class ObservingEnv(BaseEnv):
     def _start_observing(self) -> None:
         """Hook after a new simulation was built, before its cameras are set up."""
         self._viewpoint, self._views, self._marks = Viewpoint(), {}, None
-        # With rays, the renderer of a `render_mode` has no sensors.
-        self.agent.rig = CameraRig() if self._source.casts_rays else self._rig
+        self._mount_cameras()
         if self._hides_arm and self.scene.can_render():
             self._hidden_objects.append(HiddenArm(self.robot, self.agent.link))  # type: ignore[arg-type]
         if self.render_mode is not None and self.scene.can_render():
             self._marks = Marks(self.scene)
             self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
+
+    def _mount_cameras(self) -> None:
+        """Gives the cameras of class, robot and options to the robot, or to rays."""
+        rig, link = self._rig, self.agent.link
+        of_class = cameras_by_name(self._default_sensor_configs)
+        # Without new cameras, which ManiSkill would reject; later simulations have them, too.
+        self._custom_sensor_configs, new = split_sensor_configs(
+            self._custom_sensor_configs, (*of_class, *rig.names)
+        )
+        self._new_cameras |= new
+        added = [new_camera(*named, rig, link) for named in self._new_cameras.items()]
+        self._ray_cameras = [*of_class.values(), *rig.configs(link), *added]
+        # With rays, the renderer of a `render_mode` has no sensors.
+        rendered = (CameraRig(), []) if self._source.casts_rays else (rig, added)
+        self.agent.rig, self.agent.new_cameras = rendered
 
     @property
     def _is_lit(self) -> bool:
@@ -135,18 +152,20 @@ class ObservingEnv(BaseEnv):
         return other or visual.rgb or visual.normal or visual.albedo
 
     def _setup_sensors(self, options: dict[str, Any]) -> None:
-        if not self._source.casts_rays:
-            self._custom_sensor_configs = sensor_shader(
-                self._custom_sensor_configs or {}, self._source.renderer, self._wants_colour
-            )
+        changes: Any = self._custom_sensor_configs
+        source = self._source
+        self._custom_sensor_configs = (
+            {} if source.casts_rays else sensor_shader(changes, source.renderer, self._wants_colour)
+        )
         super()._setup_sensors(options)
+        self._custom_sensor_configs = changes
 
     def _after_reconfigure(self, options: dict[str, Any]) -> None:
         self._rays = None
         if self._source.casts_rays:
-            changes = self._custom_sensor_configs or {}
+            changes: Any = self._custom_sensor_configs
             self._rays = RaySensors(
-                self._simulation, self.agent, self._rig, changes, self._hides_arm
+                self._simulation, self.agent, self._ray_cameras, changes, self._hides_arm
             )
             self._sensors = self.scene.sensors = dict(self._rays.cameras)
 
@@ -196,6 +215,12 @@ class ObservingEnv(BaseEnv):
             images = camera.get_obs(depth=False, position=False, segmentation=False)
             views[name] = images["rgb"].to(self.device)
         return views
+
+    def hand_and_force(self) -> str:
+        """Returns the object in the hand and the accumulated contact force, for captions."""
+        simulation = self._simulation
+        force_n = float(simulation.rows.measures.force_total_n[simulation.row])
+        return f"holds {simulation.privileged().held or 'no object'}, force {force_n:.0f} N"
 
     def _hide(self) -> None:
         """Hides human-only visuals from sensors; ManiSkill resets this after every image."""

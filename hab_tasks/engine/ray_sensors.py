@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
 import torch
 from mani_skill.envs.utils.observations import CameraObsTextures
 from mani_skill.sensors.base_sensor import BaseSensor
-from mani_skill.sensors.camera import Camera, CameraConfig, update_camera_configs_from_dict
+from mani_skill.sensors.camera import Camera, CameraConfig
 from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.noise import Images
-from hab_tasks.robots.cameras import CameraRig, hidden_links
+from hab_tasks.robots.cameras import hidden_links
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
-from hab_tasks.simulator import sapien_object
+from hab_tasks.simulator import change_cameras, sapien_object
 from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
 from hab_tasks.world.scenes.visuals import (
     furniture_visuals,
@@ -71,14 +70,13 @@ class RaySensors:
         self,
         simulation: EpisodeSimulation,
         agent: MobileManipulator,
-        rig: CameraRig,
+        cameras: Iterable[CameraConfig],
         changes: Mapping[str, Any],
         hides_arm: bool,
     ) -> None:
-        """Mounts the cameras of a rig, with the `changes` of ManiSkill's `sensor_configs`."""
-        configs = {config.uid: config for config in rig.configs(agent.link)}
-        # Copied, as ManiSkill's function takes entries out of what it is given.
-        update_camera_configs_from_dict(configs, copy.deepcopy(dict(changes)))
+        """Mounts cameras, with the `changes` of ManiSkill's `sensor_configs`."""
+        configs = {config.uid: config for config in cameras}
+        change_cameras(configs, changes)
         self.cameras = {name: RayCamera(config) for name, config in configs.items()}
         self._simulation, self._agent = simulation, agent
         self._hidden = hidden_links(agent.spec) if hides_arm else ()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
+from typing import Any
 
 import sapien
 from mani_skill.sensors.camera import CameraConfig
@@ -72,6 +73,55 @@ class CameraRig:
             )
             for name in self.names
         ]
+
+
+SETTINGS = tuple(setting.name for setting in fields(CameraConfig))
+
+
+def split_sensor_configs(
+    configs: Any, known: Iterable[str]
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Returns ManiSkill's `sensor_configs` without its new cameras, and the new cameras by name.
+
+    Raises:
+        UnknownNameError: Unknown setting.
+        OptionError: `configs` is not a dict, or a new camera has no pose.
+    """
+    names, changes, new = set(known), {}, {}
+    for name, value in option_values.entries("sensor_configs", configs).items():
+        if isinstance(value, CameraConfig):
+            value = {key: getattr(value, key) for key in SETTINGS if key != "shader_config"}
+        if isinstance(value, Mapping):
+            for setting in value:
+                if setting not in (*SETTINGS, "use_stereo_depth"):
+                    raise UnknownNameError(f"setting of camera {name!r}", setting, SETTINGS)
+            if name not in names and "pose" not in value:
+                raise UnknownNameError("camera in sensor_configs without a pose", name, names)
+        elif name not in (*SETTINGS, "use_stereo_depth"):
+            raise UnknownNameError("entry of sensor_configs", name, (*names, *SETTINGS))
+        (new if isinstance(value, Mapping) and name not in names else changes)[name] = value
+    return changes, new
+
+
+def new_camera(
+    name: str, settings: Mapping[str, Any], rig: CameraRig, link: Callable[[str], Link]
+) -> CameraConfig:
+    """Returns a camera of `sensor_configs`; `mount` or `entity_uid` may name a link of the robot.
+
+    Size and field of view are those of the `rig` unless given.
+    """
+    known = {"width": rig.size_px, "height": rig.size_px, "far": CAMERA_DEPTH_MAX_M}
+    if settings.get("intrinsic") is None:
+        known["fov"] = rig.hfov_rad
+    known |= {**settings, "uid": name}
+    mount = known.pop("entity_uid", None) or known.get("mount")
+    known["mount"] = link(mount) if isinstance(mount, str) else mount
+    if isinstance(known["pose"], list | tuple):  # JSON has no poses
+        if len(known["pose"]) != 7:
+            valid = "a Pose, or [x, y, z, qw, qx, qy, qz]"
+            raise OptionError.of_value(f"pose of camera {name!r}", known["pose"], valid)
+        known["pose"] = sapien.Pose(known["pose"][:3], known["pose"][3:])
+    return CameraConfig(**known)
 
 
 def hidden_links(robot: RobotSpec) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abc import abstractmethod
+from collections.abc import Sequence
 from typing import ClassVar
 
 import sapien
@@ -12,6 +13,7 @@ from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.structs import Link
 from torch import Tensor
 
+from hab_tasks.errors import UnknownNameError
 from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
 from hab_tasks.robots.spec import RobotSpec
@@ -26,12 +28,14 @@ class MobileManipulator(BaseAgent):
     Attributes:
         spec: Its links, joints, rest pose and base.
         rig: The sensor cameras, read when the environment sets up its sensors.
+        new_cameras: Further ones, of the option `sensor_configs`.
     """
 
     spec: ClassVar[RobotSpec]
     fix_root_link = True
     controller: HabController  # type: ignore[assignment]
     rig = CameraRig()
+    new_cameras: Sequence[CameraConfig] = ()
 
     @abstractmethod
     def urdf(self, visuals: bool) -> str:
@@ -47,7 +51,7 @@ class MobileManipulator(BaseAgent):
 
     @property
     def _sensor_configs(self) -> list[CameraConfig]:  # type: ignore[override]
-        return self.rig.configs(self.link)
+        return [*self.rig.configs(self.link), *self.new_cameras]
 
     def _load_articulation(self, initial_pose: object = None) -> None:
         start = sapien.Pose([0.0, 0.0, self.spec.base_height_m])
@@ -88,7 +92,9 @@ class MobileManipulator(BaseAgent):
         return torch.tensor([self.joint_index[name] for name in joints], device=self.device)
 
     def link(self, name: str) -> Link:
-        """Returns a link by name."""
+        """Returns a link by name; raises UnknownNameError."""
+        if name not in self.robot.links_map:
+            raise UnknownNameError(f"link of {self.uid}", name, self.robot.links_map)
         return self.robot.links_map[name]
 
     def rest_qpos(self) -> Tensor:

@@ -12,7 +12,6 @@ from dataclasses import replace
 from functools import cache, partial
 from typing import Any, ClassVar
 
-from mani_skill.utils.registration import REGISTERED_ENVS
 from torch import Tensor
 
 from hab_tasks.arrays import to_tensor
@@ -33,6 +32,7 @@ from hab_tasks.instructions import FIXED, Words, stage_instruction, task_instruc
 from hab_tasks.receptacles import OPEN_RECEPTACLES, PHRASES
 from hab_tasks.registration import TAKEN, TASKS, imported_id
 from hab_tasks.robots.control_modes import MOBILE_MODES
+from hab_tasks.simulator import REGISTERED_ENVS
 from hab_tasks.task_spec import ARTICULATIONS, TaskSpec, TaskSpecError, interactions
 from hab_tasks.tasks.base import Condition, Task, compile_task
 from hab_tasks.tasks.task_rules import TaskRules

@@ -13,11 +13,12 @@ from playing import actions, play, record, slow, still
 from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.engine.sensors import scale_depth
 from hab_tasks.envs import ENVS
-from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.errors import HabError, OptionError, UnknownNameError
 from hab_tasks.robots.fetch import FETCH
 
 render = pytest.mark.render
 ALL = ("head", "arm", "third_person")
+POSE = {"pose": [0.1, 0.0, 0.05, 1.0, 0.0, 0.0, 0.0]}
 NOISE = {"depth_at_1_m_m": 0.01, "rgb_levels": 5.0, "joint_rad": 0.02}
 
 
@@ -37,10 +38,29 @@ def test_a_bad_option_is_refused_with_what_is_valid(make):
         ({"action_delay_steps": -1}, OptionError, "a whole number of steps"),
         ({"sensor_noise": {"deph": 0.1}}, UnknownNameError, "depth_at_1_m_m"),
         ({"camera": ["head"]}, UnknownNameError, "Did you mean 'cameras'"),
+        *(
+            ({"sensor_configs": configs}, error, words)
+            for configs, error, words in (
+                ([1], OptionError, "a dict"),
+                ({"wide": 64}, UnknownNameError, "Did you mean 'width'"),
+                ({"arm": {"wide": 64}}, UnknownNameError, "Did you mean 'width'"),
+                ({"amr": {"width": 64}}, UnknownNameError, "without a pose 'amr'. Did you mean"),
+                ({"own": {"pose": [1, 2, 3]}}, OptionError, "qw"),
+                ({"own": POSE | {"mount": "griper_link"}}, UnknownNameError, "'gripper_link'"),
+            )
+        ),
     )
     for options, error, words in faults:
         with pytest.raises(error, match=words):
             make(obs_mode="depth", render_backend="none", **options)
+
+
+def test_a_class_that_is_not_registered_is_refused():
+    class OwnEnv(ENVS["HabPick-v1"].env):
+        """Pick."""
+
+    with pytest.raises(HabError, match=r"call hab_tasks.register_skill\('Own-v1', '.*OwnEnv'"):
+        OwnEnv()
 
 
 @pytest.mark.parametrize("env_id", ["HabOpenFridge-v1", "HabSetTable-v1"])
@@ -183,6 +203,23 @@ def test_cameras_size_and_angle_are_those_asked_for(make):
     # f = (48 / 2) / tan(1 / 2) = 43.93 pixels
     intrinsic = obs["sensor_param"]["head"]["intrinsic_cv"][0]
     assert np.allclose(intrinsic.diagonal()[:2], 24 / math.tan(0.5), atol=1e-3)
+
+
+@render
+def test_own_cameras_of_rays_and_renderer_see_the_same(make):
+    own = {"world": POSE | {"fov": 1.2}, "wrist": POSE | {"mount": "gripper_link", "width": 30}}
+    options = {"obs_mode": "depth", "camera_size_px": 32, "sensor_configs": own}
+    envs = [make(render_backend=b, **options) for b in ("rays", "cpu")]
+    for env in envs:
+        env.reset(seed=0)
+    rays, rendered = (env.reset(seed=1)[0] for env in envs)  # another simulation
+    assert list(rays["sensor_data"]) == list(rendered["sensor_data"]) == ["head", "arm", *own]
+    for name in own:
+        pair = [obs["sensor_data"][name]["depth"] for obs in (rays, rendered)]
+        assert pair[0].shape == (1, 32, own[name].get("width", 32), 1)
+        assert (pair[0] - pair[1]).abs().median() < 1e-3
+        matrices = [obs["sensor_param"][name] for obs in (rays, rendered)]
+        assert all(torch.allclose(matrices[0][m], matrices[1][m], atol=1e-5) for m in matrices[0])
 
 
 @render

@@ -85,6 +85,9 @@ class StubEnv:
         shade = 40 * self._steps
         return {name: torch.full((1, 32, 32, 3), shade, dtype=torch.uint8) for name in "ab"}
 
+    def hand_and_force(self):
+        return "holds no object, force 0 N"
+
     def close(self) -> None: ...
 
 

@@ -33,6 +33,7 @@ REFUSED = (
     ("cheating_agents:keeping", "can be read only until the next step"),
     ("stub_hab:raising", "ZeroDivisionError: three is too many"),
     ("stub_hab:absent", "Unknown agent in stub_hab 'absent'"),
+    ("stub_hab:", "Unknown agent in stub_hab ''"),
     ("faulty_agents:made", "raised KeyError: 'case'"),
 )
 

@@ -4,6 +4,8 @@ import json
 import math
 from dataclasses import replace
 
+import imageio.v2 as imageio
+import numpy as np
 import pytest
 from hab_eval import random_agent
 from hab_eval.cli import main
@@ -109,6 +111,10 @@ def test_video_is_made_and_changes_nothing(tmp_path):
     for suffix in ("mp4", "png"):
         (video,) = (tmp_path / "run").glob(f"video_*.{suffix}")
         assert video.stat().st_size > 10_000
+    # After the first frame and one for each step, the last one is held for 1 s.
+    frames = list(imageio.get_reader(video.with_suffix(".mp4")).iter_data())
+    assert len(frames) == 1 + episode["steps"] + 30
+    assert np.ptp(np.stack(frames[-29:]).astype(int), axis=0).mean() < 1
 
 
 @pytest.mark.long

@@ -7,7 +7,7 @@ import re
 import pytest
 from hab_eval.errors import ResultError
 from hab_eval.records import paper
-from hab_eval.records.results import highlights, write_record
+from hab_eval.records.results import highlights, video_name, write_record
 from hab_eval.site import comparison
 from hab_eval.site.agents import agent_pages, read_cards
 from hab_eval.site.breakdown import by_layout, by_receptacle, histogram, read_receptacles
@@ -183,6 +183,20 @@ def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_p
     assert cli(*arguments, "--force").returncode == 2
     assert files_of(out) == first
     assert not list(tmp_path.glob(".*"))
+
+
+def test_own_runs_make_a_site_with_their_videos(cli, tmp_path):
+    record, runs = record_of([None, "force"], env="HabPick-v1"), []
+    for parent in "ab":
+        runs.append(tmp_path / parent / "mine")
+        write_record(runs[-1] / "run.json", record)
+    name = video_name(1, record.episodes[1].id)
+    (runs[0] / f"{name}.mp4").touch()
+    command, out = ("--checkout", tmp_path, "--out", tmp_path / "site"), tmp_path / "site"
+    assert cli("site", runs[0], *command).returncode == 0
+    assert {"runs/mine.html", f"videos/mine/{name}.mp4"} < set(files_of(out))
+    assert "<b>50 %</b>" in (out / "index.html").read_text("utf-8")
+    assert "two runs are named 'mine'" in cli("site", *runs, *command, "--force").stderr
 
 
 def test_bad_folders_are_refused_before_anything_is_written(cli, tmp_path):

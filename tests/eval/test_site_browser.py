@@ -27,8 +27,8 @@ PLAYED = """(video) => new Promise((done) => {
   video.addEventListener("ended", () => done(video.currentTime));
   video.play();
 })"""
-TEMPLATES = f"""index runs/{SPA} runs/tp_spa-tidy_house-apartment-seed5 compare/index agents/index
-    compare/HabPick-v1-apartment-val-seed-0 agents/hab_ppo-pick_blind datasets/index
+TEMPLATES = f"""index leaderboard runs/{SPA} runs/tp_spa-tidy_house-apartment-seed5 compare/index
+    agents/index compare/HabPick-v1-apartment-val-seed-0 agents/hab_ppo-pick_blind datasets/index
     datasets/apartment paper""".split()
 
 
@@ -124,7 +124,7 @@ def column(page, name):
 
 
 def test_filters_and_search_combine_and_are_kept_in_the_address(open_page, small):
-    page = open_page(small)
+    page = open_page(f"{small}leaderboard.html")
     page.select_option("[data-filter=env]", "HabPick-v1")
     assert page.locator("#count").inner_text() == "3 of 4 runs"
     page.select_option("[data-filter=kind]", "learned")
@@ -139,12 +139,12 @@ def test_filters_and_search_combine_and_are_kept_in_the_address(open_page, small
     assert "#" not in page.url
     page.fill("#search", "replica random")
     assert column(page, "agent") == ["Random"]
-    nonsense = open_page(f"{small}#env=<b>&sort=no:way&q=")
+    nonsense = open_page(f"{small}leaderboard.html#env=<b>&sort=no:way&q=")
     assert nonsense.locator("#count").inner_text() == "4 of 4 runs"
 
 
 def test_the_command_of_a_row_is_two_clicks_away(open_page, small):
-    page = open_page(small)
+    page = open_page(f"{small}leaderboard.html")
     page.locator("tr[data-agent=Blind] button.rerun").click()
     dialog = page.locator("dialog")
     assert dialog.is_visible()
@@ -202,6 +202,9 @@ def test_pages_are_readable_and_accessible(open_page, small, width, scheme):
         page.goto(f"{small}{path}.html")
         check_page(page, path)
     page.goto(small)
+    assert page.evaluate("document.documentElement.scrollHeight") <= 900
+    assert page.locator(".matrix td b").first.inner_text().strip() == "40 %"
+    page.goto(f"{small}leaderboard.html")
     page.locator("button.rerun").first.click()
     check_page(page, "the dialog")
 
@@ -247,7 +250,7 @@ def test_hostile_text_is_only_text(open_page, tmp_path, serve):
         page.goto(address + path.relative_to(out).as_posix())
         check_page(page, path)
         assert page.locator("main img, main script").count() == 0
-    page.goto(address)
+    page.goto(f"{address}leaderboard.html")
     shown = HOSTILE.replace("\u202e", "\\u202e")
     assert page.locator("td.agent a").first.inner_text() == shown
     page.locator("button.rerun").first.click()

@@ -83,7 +83,7 @@ def test_a_row_that_is_run_again_is_in_that_list_alone(tmp_path):
     write_record(folder / "b.json", new)
     (tmp_path / "to_run_again.json").write_text(json.dumps({"a.json": "2026-11-23"}))
     build_site(SiteOptions(out=tmp_path / "site", submissions=folder, checkout=tmp_path))
-    page = (tmp_path / "site" / "index.html").read_text("utf-8")
+    page = (tmp_path / "site" / "leaderboard.html").read_text("utf-8")
     ranked, listed = page.split('<h2 id="again">')
     assert "1 of 1 runs" in ranked
     assert "<td>old</td><td>1</td><td>Pick</td><td>apartment</td><td>2026-11-23</td>" in listed

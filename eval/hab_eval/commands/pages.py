@@ -117,6 +117,7 @@ def build(options: SiteCommand) -> int:
     """Writes the site."""
     site = SiteOptions(
         out=options.out,
+        runs=options.runs,
         submissions=options.submissions,
         videos=options.videos,
         checkout=options.checkout,

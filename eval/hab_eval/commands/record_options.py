@@ -129,6 +129,8 @@ class SiteCommand(Command):
     help: ClassVar[str] = SITE_HELP
     work: ClassVar[str] = "hab_eval.commands.pages:build"
 
+    runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")] = ()
+    """Runs of your own instead of submissions, with their videos: run folders (their --out)."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Output folder."""
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None

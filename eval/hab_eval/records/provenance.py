@@ -6,6 +6,7 @@ what is said of it.
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -96,10 +97,10 @@ def _version(name: str) -> str:
     own = getattr(sys.modules.get(name.replace("-", "_")), "__version__", None)
     if own is not None and name.startswith("hab-"):
         return str(own)
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return "not installed"
+    for distribution in (name, f"{name}-nightly"):  # mani_skill-nightly is a ManiSkill, too
+        with contextlib.suppress(metadata.PackageNotFoundError):
+            return metadata.version(distribution)
+    return "not installed"
 
 
 def _processor() -> str:

@@ -32,6 +32,13 @@ PAPER_MISSING = "not printed"
 HANDLE_MARK = "‡"
 FIRST_DATASET = "apartment"
 
+BEST_COLUMNS: dict[str, Callable[[RunRecord], bool]] = {
+    "without true state": lambda record: not record.privileged,
+    "learned": lambda record: record.agent.startswith(LEARNED),
+    "any agent": lambda record: True,
+}
+"""Title of a column -> whether a row counts there."""
+
 AGAIN_COLUMNS = ("agent", "rows", "environments", "datasets", "last run")
 
 
@@ -42,18 +49,21 @@ def best_table(submissions: Submissions, leaderboard: str) -> str:
     those of other datasets.
     """
     lines = [
-        ("environment", "without true state", "learned", "any agent", "paper"),
+        ("environment", *BEST_COLUMNS, "paper"),
         ("---",) * 5,
     ]
-    for env in _environments(submissions.all.values()):
-        chosen = (
-            _best(submissions, env, lambda record: not record.privileged),
-            _best(submissions, env, lambda record: record.agent.startswith(LEARNED)),
-            _best(submissions, env, lambda record: True),
-        )
+    for env, chosen in best_rows(submissions):
         cells = (_best_cell(one, leaderboard) for one in chosen)
         lines.append((env, *cells, _paper_cell(env)))
     return _text(lines)
+
+
+def best_rows(submissions: Submissions) -> list[tuple[str, list[RunRecord | str]]]:
+    """Returns every environment with its best row of `BEST_COLUMNS`, or why there is none."""
+    return [
+        (env, [_best(submissions, env, counts) for counts in BEST_COLUMNS.values()])
+        for env in _environments(submissions.all.values())
+    ]
 
 
 def rows_table(submissions: Submissions, leaderboard: str) -> str:

@@ -178,7 +178,7 @@ def load_agent(reference: str, setup: AgentSetup) -> Agent:
         RunStoppedError: The module or the factory calls `sys.exit`.
     """
     module_name, colon, factory_name = reference.partition(":")
-    if not (colon and module_name and factory_name):
+    if not (colon and module_name):
         raise AgentError(
             f"Agent {reference!r} is not of the form module:factory, e.g. hab_eval:random_agent."
         )
@@ -224,15 +224,27 @@ def _not_found(name: str, missing: str, here: str) -> str:
 
 
 def _factories(module: ModuleType) -> list[str]:
-    """Returns a module's public callables whose only required argument is an `AgentSetup`."""
+    """Returns a module's public callables whose only required argument is an `AgentSetup`.
+
+    Its own functions and classes may leave out the annotation.
+    """
     members = ((name, getattr(module, name)) for name in dir(module) if not name.startswith("_"))
-    return [name for name, value in members if callable(value) and _takes_setup(value)]
+    return [
+        name
+        for name, value in members
+        if callable(value)
+        and _takes_setup(value, getattr(value, "__module__", None) == module.__name__)
+    ]
 
 
-def _takes_setup(factory: Callable[..., Any]) -> bool:
+def _takes_setup(factory: Callable[..., Any], is_own: bool) -> bool:
     try:
         parameters = inspect.signature(factory).parameters.values()
     except (TypeError, ValueError):
         return False  # a built-in without a signature
-    needed = [p for p in parameters if p.default is p.empty]
-    return len(needed) == 1 and "AgentSetup" in str(needed[0].annotation)
+    named = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
+    needed = [p for p in parameters if p.default is p.empty and p.kind not in named]
+    if len(needed) != 1:
+        return False
+    annotation = needed[0].annotation
+    return "AgentSetup" in str(annotation) or (is_own and annotation is inspect.Parameter.empty)

@@ -22,8 +22,11 @@ if TYPE_CHECKING:
 
     from hab_tasks.episodes import Episode
 
-LINES = 7
+LINES = 8
 """Number of caption lines."""
+
+HELD_S = 1.0
+"""Time for which the last frame is shown, with the outcome."""
 
 
 class _AbortedError(Exception):
@@ -52,6 +55,7 @@ class VideoRecorder:
         self._episode_id = ""
         self._file = ExitStack()
         self._writer: Any = None
+        self._last: tuple[list[Frame], list[str], str] = ([], [], "")
 
     def reset(self, job: Job, seen: StepInfo) -> None:
         """Opens `video_<index>_<episode id>.mp4` and writes its first frame, also as PNG."""
@@ -79,7 +83,13 @@ class VideoRecorder:
             self._writer.append_data(self._frame(seen))
 
     def end(self, outcome: Outcome | None) -> None:
-        """Finishes the file, or removes an unfinished one."""
+        """Holds the last frame and finishes the file, or removes an unfinished one."""
+        if outcome is not None and self._writer is not None:
+            views, lines, hand = self._last
+            ending = "success" if outcome.success else outcome.failure or "timeout"
+            frame = compose(views, [f"{ending}: {hand}", *lines])
+            for _ in range(round(HELD_S * CONTROL_HZ)):
+                self._writer.append_data(frame)
         self._writer = None
         with suppress(_AbortedError), self._file:
             if outcome is None:
@@ -91,7 +101,9 @@ class VideoRecorder:
         rendered: Any = self._env.render()
         pictures = [*base.render_views().values(), rendered]
         views = [np.asarray(picture[0].cpu(), dtype=np.uint8) for picture in pictures]
-        return compose(views, describe(self._episode_id, self._instruction, seen))
+        lines = describe(self._episode_id, self._instruction, seen)
+        self._last = views, lines, base.hand_and_force()
+        return compose(views, lines)
 
 
 def compose(views: Sequence[Frame], lines: Sequence[str]) -> Frame:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -14,15 +15,23 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hab_eval.errors import ResultError
-from hab_eval.records.leaderboard import default_submissions, find_submissions
+from hab_eval.records.leaderboard import Submissions, default_submissions, find_submissions
 from hab_eval.records.plain_text import plain
-from hab_eval.records.status import again_rows
+from hab_eval.records.results import read_runs
+from hab_eval.records.status import again_rows, best_rows
 from hab_eval.site.agents import Card, agent_pages, read_cards, read_studies
 from hab_eval.site.breakdown import Receptacles, read_receptacles
 from hab_eval.site.comparison import comparison_sets
 from hab_eval.site.datasets import dataset_pages
-from hab_eval.site.entries import make_entries
-from hab_eval.site.media import MarkdownFile, Video, copy_video, find_videos, write_picture
+from hab_eval.site.entries import Entry, make_entries
+from hab_eval.site.media import (
+    MarkdownFile,
+    Video,
+    copy_video,
+    find_videos,
+    videos_in,
+    write_picture,
+)
 from hab_eval.site.pages import Page, Site, all_pages
 from hab_tasks.errors import OptionError
 from hab_tasks.io.files import check_folder, folder_written_aside
@@ -46,6 +55,7 @@ class SiteOptions:
 
     Attributes:
         out: Output folder.
+        runs: Folders of runs, instead of submissions and videos.
         submissions: Folder of submissions; None for the checkout's.
         videos: Folder of videos; None for no videos.
         checkout: Checkout with figures, model cards and episode files; None for this one.
@@ -53,6 +63,7 @@ class SiteOptions:
     """
 
     out: Path
+    runs: Sequence[Path] = ()
     submissions: Path | None = None
     videos: Path | None = None
     checkout: Path | None = None
@@ -126,15 +137,12 @@ def _read(options: SiteOptions) -> Site:
     checkout = options.checkout or Path(__file__).resolve().parents[3]
     if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
-    submissions = options.submissions or default_submissions()
-    found = find_submissions(submissions)
+    found, videos_of = _runs(options) if options.runs else _submissions(options)
     records = found.current
-    if not records:
-        raise ResultError(f"{submissions}: no submissions; hab-eval submit adds one.")
     entries = make_entries(records)
     cards: Sequence[Card] = read_cards(checkout)
     episodes = checkout / "assets" / "episodes"
-    videos: dict[str, list[Video]] = find_videos(options.videos, entries)
+    videos: dict[str, list[Video]] = videos_of(entries)
     return Site(
         entries=entries,
         sets=comparison_sets(entries),
@@ -144,8 +152,35 @@ def _read(options: SiteOptions) -> Site:
         receptacles=read_receptacles(episodes) if episodes.is_dir() else Receptacles(),
         videos=videos,
         docs=checkout / "docs",
+        best=best_rows(found),
         again=again_rows(found),
     )
+
+
+Videos = Callable[[Sequence[Entry]], dict[str, list[Video]]]
+
+
+def _submissions(options: SiteOptions) -> tuple[Submissions, Videos]:
+    folder = options.submissions or default_submissions()
+    found = find_submissions(folder)
+    if not found.current:
+        raise ResultError(f"{folder}: no submissions; hab-eval submit adds one.")
+    return found, partial(find_videos, options.videos)
+
+
+def _runs(options: SiteOptions) -> tuple[Submissions, Videos]:
+    """Returns runs as submissions, by the names of their folders."""
+    if options.submissions or options.videos:
+        raise OptionError("give runs, or --submissions and --videos, not both.")
+    folders = [path.parent if path.name == "run.json" else path for path in options.runs]
+    names = [folder.resolve().name for folder in folders]
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise OptionError(f"two runs are named {min(twice)!r}; rename one of the folders.")
+    records = {f"{n}.json": run for n, run in zip(names, read_runs(folders), strict=True)}
+    by_name = dict(zip(names, folders, strict=True))
+    return Submissions(all=records, again={}), lambda entries: {
+        entry.name: videos_in(by_name[entry.name], entry) for entry in entries
+    }
 
 
 def _write_static(folder: Path) -> None:

@@ -80,6 +80,11 @@ def find_videos(folder: Path | None, entries: Sequence[Entry]) -> dict[str, list
     return found
 
 
+def videos_in(folder: Path, entry: Entry) -> list[Video]:
+    """Returns the videos in the folder of a run."""
+    return [_video(path, entry) for path in sorted(folder.glob("video_*.mp4"))]
+
+
 def copy_video(video: Video, target: Path) -> None:
     """Copies a video and its first frame, the latter as WebP."""
     target.parent.mkdir(parents=True, exist_ok=True)

@@ -10,8 +10,8 @@ from typing import Any
 
 from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
-from hab_eval.records.results import highlights, outcome_of
-from hab_eval.records.status import AGAIN_COLUMNS
+from hab_eval.records.results import RunRecord, highlights, outcome_of
+from hab_eval.records.status import AGAIN_COLUMNS, BEST_COLUMNS
 from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
@@ -70,6 +70,7 @@ class Site:
         receptacles: Receptacles of known episodes.
         videos: Name of a submission -> its videos.
         docs: Folder of the datasets' figures.
+        best: Environment -> its best results, as `hab_eval.records.status.best_rows`.
         again: Submissions to be run again, as `hab_eval.records.status.again_rows`.
     """
 
@@ -81,6 +82,7 @@ class Site:
     receptacles: Receptacles
     videos: Mapping[str, Sequence[Video]]
     docs: Path
+    best: Sequence[tuple[str, Sequence[RunRecord | str]]] = ()
     again: Sequence[tuple[str, ...]] = ()
 
     @functools.cached_property
@@ -93,6 +95,7 @@ def all_pages(site: Site) -> list[Page]:
     """Returns every page."""
     partners = _partners(site)
     return [
+        _overview(site),
         _leaderboard(site),
         *(_run(site, entry, partners) for entry in site.entries),
         _comparisons(site),
@@ -106,6 +109,20 @@ def all_pages(site: Site) -> list[Page]:
     ]
 
 
+def _overview(site: Site) -> Page:
+    """Returns the front page: the best result of every environment, with a link to its run."""
+    entries = {id(entry.record): entry for entry in site.entries}
+    rows = [(env, [(entries.get(id(one)), one) for one in best]) for env, best in site.best]
+    title = "Home Assistant Benchmark"
+    return Page(
+        path="index.html",
+        template="overview.html",
+        section="overview",
+        title=title,
+        context={"columns": list(BEST_COLUMNS), "rows": rows},
+    )
+
+
 def _leaderboard(site: Site) -> Page:
     records = [entry.record for entry in site.entries]
     filters = {
@@ -115,7 +132,7 @@ def _leaderboard(site: Site) -> Page:
         "kind": sorted({kind for entry in site.entries for kind in entry.kinds}),
     }
     return Page(
-        path="index.html",
+        path="leaderboard.html",
         template="leaderboard.html",
         section="leaderboard",
         title="Leaderboard",

@@ -173,7 +173,7 @@ def _first_line(error: Exception) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
-PACKAGES = ("hab-tasks", "mani-skill", "sapien", "torch", "numpy")
+PACKAGES = ("hab-tasks", "mani-skill", "mani-skill-nightly", "sapien", "torch", "numpy")
 """Packages whose versions affect results."""
 
 

@@ -19,19 +19,16 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from types import SimpleNamespace
 from typing import Any
 
 import sapien
-from mani_skill.envs.sapien_env import BaseEnv
 from mani_skill.envs.scene import ManiSkillScene
-from mani_skill.envs.utils.system.backend import parse_sim_and_render_backend
 from mani_skill.utils.structs import Articulation
 from mani_skill.utils.structs.types import SimConfig
 from sapien import physx
 
 from hab_tasks.constants import CONTROL_HZ, SIM_HZ
-from hab_tasks.simulator import sapien_object
+from hab_tasks.simulator import parse_sim_and_render_backend, sapien_object, use_settings
 
 
 def sim_config() -> SimConfig:
@@ -43,12 +40,6 @@ def sim_config() -> SimConfig:
     config = SimConfig(sim_freq=SIM_HZ, control_freq=CONTROL_HZ)
     contacts = dataclasses.replace(config.scene_config, enable_pcm=False)
     return dataclasses.replace(config, scene_config=contacts)
-
-
-def use_settings(config: SimConfig) -> None:
-    """Applies settings to all bodies and scenes created from now on, as ManiSkill does."""
-    settings: Any = SimpleNamespace(sim_config=config)
-    BaseEnv._set_scene_config(settings)
 
 
 def bare_scene(renderer: str = "none") -> ManiSkillScene:

@@ -23,9 +23,8 @@ from transforms3d.quaternions import quat2mat
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
 from hab_tasks.privileged import CollisionBody
-from hab_tasks.simulator import sapien_object
+from hab_tasks.simulator import sapien_object, use_settings
 from hab_tasks.world.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
-from hab_tasks.world.scenes.physics import use_settings
 from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, read_body
 from hab_tasks.world.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 

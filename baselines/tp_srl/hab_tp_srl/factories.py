@@ -127,8 +127,10 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
 
+    spec = _spec(options, policies, navigate)
+
     def make_scene(robot: RobotSpec) -> Scene:
-        view = _view(task, options)
+        view = _view(task, options, "depth" in spec.obs_mode)
         if options.privileged:
             return GuidedScene(robot, view)
         # Learned skills and the arm's reset use no more of a scene than this.
@@ -154,7 +156,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
         )
         return Executor(log, team, config).run()
 
-    return TpSrlAgent(setup, _spec(options, policies, navigate), make_scene, behave)
+    return TpSrlAgent(setup, spec, make_scene, behave)
 
 
 def from_sensors(setup: AgentSetup) -> TpSrlAgent:
@@ -169,8 +171,8 @@ def from_sensors(setup: AgentSetup) -> TpSrlAgent:
     return tp_srl(replace(setup, options={**FROM_SENSORS, **setup.options}))
 
 
-def _view(task: Task, options: TeamOptions) -> TaskView:
-    """Returns the view of a robot in a task."""
+def _view(task: Task, options: TeamOptions, sees: bool) -> TaskView:
+    """Returns the view of a robot in a task, which may have images."""
     spec = task.spec
     return TaskView(
         truth=options.true_knowledge,
@@ -178,6 +180,7 @@ def _view(task: Task, options: TeamOptions) -> TaskView:
         openings=["open" if one in spec.starts_open else "closed" for one in spec.articulations],
         inside=[None if t.inside is None else spec.number(t.inside) for t in spec.targets],
         feels=options.feels,
+        sees=sees,
     )
 
 

@@ -38,8 +38,10 @@ class Fronts:
         self._hands_m: dict[int, Array] = {}
 
     def see(self, number: int, points_m: Array) -> None:
-        """Notes the surfaces (P, 3) seen before a door or drawer is first opened."""
-        self._surfaces_m.setdefault(number, points_m)
+        """Notes surfaces (P, 3) seen before the handle was grasped: till then it is closed."""
+        if number not in self._hands_m:
+            before_m = self._surfaces_m.get(number, np.zeros((0, 3)))
+            self._surfaces_m[number] = np.concatenate((before_m, points_m))
 
     def touch(self, number: int, hand_m: Array) -> None:
         """Notes where the hand (3,) first grasped its handle."""

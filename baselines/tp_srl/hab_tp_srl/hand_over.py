@@ -65,7 +65,7 @@ class Resetting:
             if options.privileged:
                 yield from fold_arm(log)
             else:
-                yield from log.timed("rest", self._reset(), SKILL_HORIZON_STEPS)
+                yield from log.timed("rest", reset_arm(log.robot), SKILL_HORIZON_STEPS)
         yield from self._reset_arm(stage)
         if options.recovers and self._holds_other(stage, attempt):
             yield from log.timed("release", self._release(), RELEASE_STEPS)
@@ -117,11 +117,11 @@ class Resetting:
     def _reset_arm(self, stage: Stage) -> Motion:
         """Moves the arm to rest for a learned skill."""
         if self._needs_reset(stage):
-            yield from self.log.timed("reset", self._reset(), RESET_STEPS)
+            yield from self.log.timed("reset", reset_arm(self.log.robot), RESET_STEPS)
         return None
 
-    def _reset(self) -> Motion:
-        """Moves the arm straight to its resting configuration."""
-        robot = self.log.robot
-        path = np.stack((robot.scene.arm_qpos, robot.kinematics.rest_rad))
-        return (yield from follow(robot, path, RETURN_SHARE))
+
+def reset_arm(robot: Robot) -> Motion:
+    """Moves the arm straight to its resting configuration."""
+    path = np.stack((robot.scene.arm_qpos, robot.kinematics.rest_rad))
+    return (yield from follow(robot, path, RETURN_SHARE))

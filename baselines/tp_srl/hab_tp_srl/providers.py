@@ -20,6 +20,7 @@ from hab_spa.tasks.planned_skills import PlannedSkill
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.base_poses import TURNING_M, features, start_pose
 from hab_tp_srl.ending import Ending
+from hab_tp_srl.hand_over import reset_arm
 from hab_tp_srl.policies import AgentPolicy, SkillPolicy
 from hab_tp_srl.sight import Look
 from hab_tp_srl.skill import learned
@@ -169,7 +170,7 @@ class LearnedSkill:
         return self._run(robot, stage, ending)
 
     def _run(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:
-        if self.view.feels and self.policy.sees_images:
+        if self.view.sees:
             if stage.articulation is not None:
                 return (yield from self._move(robot, stage, ending, stage.articulation))
             if self.policy.control.base == "still":  # two looks from one place can be compared
@@ -204,9 +205,11 @@ class LearnedSkill:
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)
-        elif stage.drawer is None and view.took_other(robot.spec, before, point_m):
-            yield from self._put_back(robot, stage)
-            return Failure.EXECUTION
+        elif stage.drawer is None and view.holding:
+            yield from reset_arm(robot)  # so that it hides what it hid before
+            if view.took_other(robot.spec, before, point_m):
+                yield from self._put_back(robot, stage)
+                return Failure.EXECUTION
         return failure
 
     def _watch(self, robot: Robot, stage: Stage, before: Look) -> Motion:

@@ -33,6 +33,10 @@ from its goal, what was hidden before may as well be a wall."""
 IN_HAND_M = 0.2
 """What is held is seen so near to the hand: grasped up to 15 cm from its centre of mass."""
 
+STANDS_M, LOWEST_M, SAME = 0.04, -0.015, 0.7
+"""What is seen around an object's centre of mass, from so far below it, is the object; it still
+stands there if so much of it looks the same."""
+
 OWN_M, OWN_PX = 0.04, 2
 """Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
 edges a pixel may show either."""
@@ -115,10 +119,26 @@ class Look:
         # Without lines one pixel wide: a base that sways by a millimetre shifts edges.
         return self._clouds(ndimage.binary_opening(nearer, np.ones((2, 2))))
 
-    def held_m(self, ee_m: Array) -> Array | None:
-        """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is."""
+    def stands(self, after: Look, near_m: Array) -> bool:
+        """Returns whether what was seen around a point (3,) is there in a later look."""
+        gaps_m = self.points_m - near_m
+        around = (np.linalg.norm(gaps_m, axis=-1) < STANDS_M) & (gaps_m[..., 2] > LOWEST_M)
+        _, behind_m = after.behind_m(self.moved_to(after, self.points_m[around & ~self.own]))
+        same = np.abs(behind_m) < CHANGED_M
+        return len(same) >= LEAST and bool(same.mean() > SAME)
+
+    def held_m(self, ee_m: Array, before: Look | None = None) -> Array | None:
+        """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is.
+
+        If an earlier look is given, with the arm as it is now, only of what has appeared since.
+        """
         near = np.linalg.norm(self.points_m - ee_m, axis=-1) < IN_HAND_M
-        cloud_m = max(self._clouds(near & ~self.own), key=len, default=None)
+        if before is None:
+            seen = self._clouds(near & ~self.own)
+        else:
+            seen = self.appeared(before, ee_m)
+            seen = [one_m for one_m in seen if np.linalg.norm(middle_m(one_m) - ee_m) < IN_HAND_M]
+        cloud_m = max(seen, key=len, default=None)
         return None if cloud_m is None else middle_m(cloud_m)
 
     def _clouds(self, shown: NDArray[Any]) -> list[Array]:

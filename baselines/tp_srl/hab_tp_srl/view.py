@@ -32,6 +32,10 @@ OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
 """What has gone is another object if so much of it was seen, it is not larger, and it was so near.
 A door that was pushed is larger."""
 
+HELD_M, OTHER_HELD_M = 0.03, 0.07
+"""The target is seen in the hand so near to where it was when the hand closed, another object so
+far from there."""
+
 NEARER_M = 0.015
 """The middle of an object is so much farther than that of what is seen of it, on average."""
 
@@ -46,7 +50,7 @@ class TaskView:
     """What the robot of one row observes in a task.
 
     Attributes:
-        truth, feels: As given.
+        truth, feels, sees: As given.
         felt: What it believes without ground truth.
     """
 
@@ -58,6 +62,7 @@ class TaskView:
         openings: Sequence[Opening] = (),
         inside: Sequence[int | None] = (),
         feels: bool = False,
+        sees: bool = False,
     ) -> None:
         """Creates a view.
 
@@ -69,8 +74,9 @@ class TaskView:
             openings: Which doors and drawers are open at the start of an episode.
             inside: For each object, the number of the one into which it is to be put.
             feels: Whether it notices where an object was let go, and looks for it there.
+            sees: Whether, then, it also looks with the head camera.
         """
-        self.truth, self.feels = truth, feels
+        self.truth, self.feels, self.sees = truth, feels, feels and sees
         self._aims_object, self._openings, self._inside = aims_object, openings, inside
         self._obs: Mapping[str, Any] = {}
         self._row = 0
@@ -90,10 +96,7 @@ class TaskView:
         self._held_in_ee_m, self._slid = np.zeros(3), False
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
-        """Takes the observation of a row; called at every step.
-
-        It is read when it is needed: while another motion runs, hardly ever.
-        """
+        """Takes the observation of a row, at every step; it is read when it is needed."""
         self._obs, self._row, self._located = obs, row, None
         if self._starts_m is None:
             self._first_m = self._pairs_m
@@ -108,11 +111,7 @@ class TaskView:
             self.felt.feel(self.holding, hand_m)
 
     def begin(self, stage: Stage) -> None:
-        """Notes that a skill begins.
-
-        If it moves a drawer, the hand shows how far; if it picks an object, where it was shows
-        where it is in the hand.
-        """
+        """Notes that a skill begins: where an object was shows where it is in the hand."""
         self._moving, self._hand_m, self._left = stage.articulation, None, not self.holding
         self._reached_m = self.point(stage) if stage.skill == "pick" else None
         if stage.skill == "pick":
@@ -132,13 +131,11 @@ class TaskView:
 
     def see_held(self, look: Look) -> None:
         """Notes where an object from a drawer is in the hand: it may have slid in there."""
-        ee_m = self._felt("ee_position").astype(float)
-        found_m = look.held_m(ee_m)
-        if found_m is None or not self._slid:
-            return
-        in_ee_m = self._ee_axes @ (_outward(found_m) - ee_m)
-        self._held_in_ee_m = in_ee_m
-        self.felt.hold(self._to_frame(_outward(found_m)) - self._to_frame(ee_m))
+        in_ee_m = self._seen_in_ee_m(look) if self._slid else None
+        if in_ee_m is not None:
+            self._held_in_ee_m = in_ee_m
+            ends_m = np.stack((np.zeros(3), self._ee_axes.T @ in_ee_m))
+            self.felt.hold(np.diff(self._to_frame(ends_m), axis=0)[0])
 
     def see_placed(self, robot: RobotSpec, number: int, before: Look) -> Array | None:
         """Notes where an object has come to lie since a look; that may be beside its goal.
@@ -153,9 +150,10 @@ class TaskView:
         return found_m
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
-        """Whether what the hand has taken since a look was seen elsewhere than at a point (3,).
+        """Whether the hand has taken something else since a look than what was at a point (3,).
 
-        Nothing is known if what was taken was hidden.
+        The target is in the hand where it was when the hand closed, and it stands at the point no
+        longer; another object was seen elsewhere. Nothing is known of what was hidden.
         """
         held = self.felt.held
         if held is None or self.felt.doubts[held] >= MOST_DOUBTS:
@@ -163,17 +161,24 @@ class TaskView:
         here_m = self._in_base(point_m)
         # What has gone is what was nearer before.
         after = self.look(robot)
+        in_ee_m = self._seen_in_ee_m(after, before)
+        if in_ee_m is not None:
+            gap_m = float(np.linalg.norm(in_ee_m - self._held_in_ee_m))
+            if not HELD_M < gap_m < OTHER_HELD_M:
+                return gap_m > HELD_M
+        if before.stands(after, here_m):
+            return True
         gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
-        gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
+        gaps_m = [np.linalg.norm(middle_m(cloud_m) - here_m) for cloud_m in gone]
         others = (
             gap_m < NEAR_M and len(cloud_m) >= OTHER_PX and np.ptp(cloud_m, axis=0).max() < OTHER_M
             for gap_m, cloud_m in zip(gaps_m, gone, strict=True)
         )
-        return min(gaps_m, default=np.inf) > GONE_M and any(others)
+        return bool(min(gaps_m, default=np.inf) > GONE_M) and any(others)
 
     def see_front(self, look: Look, number: int) -> None:
-        """Notes what is seen before a door or drawer is opened."""
-        if self.felt.openings[number] == "closed":
+        """Notes what is seen before a door or drawer is first opened."""
+        if self._openings[number] == "closed":
             self._fronts.see(number, self._to_frame(look.surfaces_m))
 
     def see_opened(self, look: Look, number: int) -> None:
@@ -314,6 +319,12 @@ class TaskView:
             return
         gap_m = self._in_base(self._reached_m) - self._felt("ee_position")
         self._held_in_ee_m, self._reached_m = self._ee_axes @ gap_m, None
+
+    def _seen_in_ee_m(self, look: Look, before: Look | None = None) -> Array | None:
+        """Returns where (3,) an object is seen in the hand; None if none is."""
+        ee_m = self._felt("ee_position").astype(float)
+        found_m = look.held_m(ee_m, before)
+        return None if found_m is None else self._ee_axes @ (_outward(found_m) - ee_m)
 
     def _moved_m(self, drawer: int) -> Array:
         """Returns how far a drawer has moved since the start of the episode, (3,)."""

@@ -88,9 +88,12 @@ def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
 ):
     """A front 1 m away, with a wall above 20 rows of pixels, which are 1 cm apart there."""
     fronts, before, opened = Fronts(), look(np.ones((100, 100))), np.full((100, 100), 1.5)
-    fronts.see(0, before.surfaces_m)
+    hidden_then = np.ones((100, 100), dtype=bool)
+    fronts.see(0, look(np.ones((100, 100)), own=hidden_then).surfaces_m)
+    fronts.see(0, before.surfaces_m)  # at the second attempt
     assert not len(fronts.of(0))  # it has not been grasped
     fronts.touch(0, np.array((0.0, 0.0, -0.95)))
+    fronts.see(0, look(np.full((100, 100), 0.9)).surfaces_m)  # it may stand open since
     opened[:20] = 1.0
     fronts.keep(0, lambda points_m: changed(look(opened), points_m))
     assert fronts.of(0)[:, 1].max() < 0.3  # without the wall
@@ -101,25 +104,37 @@ def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
 
 
 @pytest.mark.parametrize(
-    ("gone", "took_other"),
+    ("gone", "stays", "took_other"),
     [
-        ([(45, 45, 10)], False),  # the target, 1 cm aside
-        ([(60, 45, 10)], True),  # a neighbour, 15 cm aside
-        ([(45, 45, 3), (60, 45, 10)], False),  # little is seen of the target
-        ([(60, 45, 4)], False),  # too little to tell
-        ([(60, 5, 90)], False),  # as large as a door
+        ([(45, 45, 10)], [], False),  # the target, 1 cm aside
+        ([(60, 45, 10)], [], True),  # a neighbour, 15 cm aside
+        ([(45, 45, 3), (60, 45, 10)], [], False),  # little is seen of the target
+        ([(60, 45, 4)], [], False),  # too little to tell
+        ([(60, 5, 90)], [], False),  # as large as a door
+        ([], [(45, 45, 10)], True),  # the target stands; what was taken was hidden
+        ([], [(45, 60, 10)], False),  # a neighbour stands
+        ([(45, 45, 8)], [(53, 45, 2)], False),  # little stands there, e.g. what was behind
     ],
 )
-def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, took_other):
+def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, stays, took_other):
     """Objects of 10 cm stand 1 m below, where pixels are 0.9 cm apart."""
-    depth_m = np.ones((100, 100))
-    for row, column, size in gone:
+    depth_m, later_m = np.ones((100, 100)), np.ones((100, 100))
+    for row, column, size in gone + stays:
         depth_m[row : row + size, column : column + size] = 0.9
+    for row, column, size in stays:
+        later_m[row : row + size, column : column + size] = 0.9
     view, before = TaskView(truth=False, feels=True), look(depth_m)
     view.felt = FeltBeliefs(STARTS_M, GOALS_M, [])
     view.felt.held, view._located = 0, (0.0, 0.0, 0.0)
-    view.look = lambda robot: look(np.ones((100, 100)))
+    hand = {"ee_position": np.zeros((1, 3)), "ee_rotation": np.eye(3)[None, :2].reshape(1, 6)}
+    view._obs = {"agent": hand}
+    view.look = lambda robot: look(later_m)
     assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is took_other
+    # 15 cm below the hand, pixels are 0.15 cm apart; the middle is at x 0.03 m, and 1.5 cm farther.
+    later_m[45:55, 65:75] = 0.15
+    for held_m, other in (((0.045, 0.0, -0.15), False), ((0.045, 0.08, -0.15), True)):
+        view._held_in_ee_m = np.array(held_m)
+        assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is other
 
 
 def test_what_has_moved_is_driven_to_anew():

@@ -36,30 +36,28 @@ class Panels:
     ) -> None:
         """Places the panels on the far side of the robot's path, and the camera opposite."""
         self._server, self._motion = server, motion
-        self._beliefs = beliefs_of(trace)
+        self._beliefs, self._belief = beliefs_of(trace), ""
         center_m, radius_m = _circle(motion)
         eye_m = center_m + radius_m * np.array((-0.8, -0.8, 1.8))
         server.initial_camera.position, server.initial_camera.look_at = eye_m, center_m
         right, down, ahead = _axes(eye_m, center_m)
-        # Where a ray to the upper edge of the view comes down to the top of the walls.
+        # Just before a ray to the upper edge of the view comes down to the top of the walls.
         ray = ahead - UPWARDS * down
-        distance_m = (ABOVE_M - eye_m[2]) / ray[2]
+        distance_m = 0.85 * (ABOVE_M - eye_m[2]) / ray[2]
         self._origin_m, self._size_m = eye_m + distance_m * ray, 0.26 * distance_m
         self._right = right
         self._wxyz = tf.SO3.from_matrix(np.stack((right, down, ahead), axis=1)).wxyz
         self._images: dict[str, Any] = {}
-        below_m = self._origin_m + 0.6 * self._size_m * down
         beside_m = self._origin_m + self._size_m * (1.2 * right - 0.5 * down)
-        self._caption = server.scene.add_label(
-            "/panels/caption", "", position=below_m, anchor="top-center"
-        )
-        self._belief = server.scene.add_label("/panels/beliefs", "", position=beside_m)
+        self._text = server.scene.add_label("/panels/text", "", position=beside_m)
 
     def show(self, step: int) -> None:
         """Shows a step; images stay until the next ones."""
+        self._belief = self._beliefs.get(step, self._belief)
         words = textwrap.wrap(self._motion.instruction, TEXT_WIDTH)
-        _tell(self._caption, "\n".join((*words, self._motion.captions[step])))
-        _tell(self._belief, self._beliefs.get(step, self._belief.text))
+        text = "\n".join((*words, self._motion.captions[step], self._belief)).rstrip()
+        if text != self._text.text:
+            self._text.text = text
         for number, (name, image) in enumerate(self._motion.images.get(step, {}).items()):
             if name in self._images:
                 self._images[name].image = image
@@ -95,14 +93,6 @@ def beliefs_of(trace: Sequence[Mapping[str, Any]]) -> dict[int, str]:
             lines += ["believes:"] if atoms else []
             found[int(entry["step"])] = "\n".join((*lines, *atoms[:BELIEFS], *more))
     return found
-
-
-def _tell(label: Any, text: str) -> None:
-    """Changes a label; a label without text is hidden."""
-    if label.text != text:
-        label.text = text
-    if label.visible != bool(text):
-        label.visible = bool(text)
 
 
 def _circle(motion: Motion) -> tuple[Floats, float]:

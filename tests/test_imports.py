@@ -81,7 +81,7 @@ EVAL_ORDER = [
         {"errors"},
         {"records"},
         {"run"},
-        {"integrations"},
+        {"integrations", "view"},
         {"__init__"},
         {"bench"},
         {"site"},

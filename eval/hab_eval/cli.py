@@ -13,6 +13,7 @@ from hab_eval.commands.record_options import (
     SubmitCommand,
     TableCommand,
     VerifyCommand,
+    ViewCommand,
 )
 from hab_tasks.io.console import Command, run_script
 
@@ -28,6 +29,7 @@ COMMANDS: dict[str, type[Command]] = {
     "submit": SubmitCommand,
     "verify": VerifyCommand,
     "film": FilmCommand,
+    "view": ViewCommand,
     "bench": BenchCommand,
 }
 

@@ -276,6 +276,10 @@ class EpisodeSimulation:
         self._reader.read(self.targets, self.handles, table_row)
         return self._force.newton()
 
+    def contact_points_m(self) -> Floats:
+        """Returns where the robot touches other bodies, (C, 3) in the world."""
+        return self._force.points_m()
+
     def _move_joints(self, share: float) -> None:
         """Sets joints after a share of an action, and moves what is held with the hand."""
         self._agent.controller.move_joints(share)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,16 +15,11 @@ from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.noise import Images
+from hab_tasks.engine.visible_bodies import visible_bodies
 from hab_tasks.robots.cameras import hidden_links
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import change_cameras, sapien_object
-from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
-from hab_tasks.world.scenes.visuals import (
-    furniture_visuals,
-    stage_visuals,
-    template_visuals,
-    urdf_visuals,
-)
+from hab_tasks.world.raycast.scene import Pinhole, RayImage, RayScene, cv_from_world
 
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera frame: x right, y up, z backwards."""
@@ -91,7 +86,8 @@ class RaySensors:
         """
         # By identity, as there is a new one after every change.
         if self._shown is not self._simulation.shown:
-            self._scene = RayScene(list(self._bodies()))
+            bodies = visible_bodies(self._simulation, self._agent, self._hidden)
+            self._scene = RayScene(list(bodies))
             self._shown = self._simulation.shown
         self._scene.update()
         data = {}
@@ -101,28 +97,6 @@ class RaySensors:
             arrays = _textures(image, pinhole, wanted)
             data[name] = {key: torch.from_numpy(array)[None] for key, array in arrays.items()}
         return data
-
-    def _bodies(self) -> Iterator[RayBody]:
-        """Yields the bodies that a renderer would draw."""
-        active = self._simulation.scene_bodies
-        spec, templates = active.spec, self._simulation.source.objects
-        stage: Any = sapien_object(active.stage)
-        yield RayBody(visuals=stage_visuals(spec.stage), entity=stage, moves=False)
-        for item in spec.objects:
-            actor = (active.loose if item.dynamic else active.static)[item.name]
-            visuals = template_visuals(item.template, item.scale)
-            yield RayBody(visuals=visuals, entity=sapien_object(actor), moves=item.dynamic)
-        for name, actor in active.pickables.items():
-            visuals = template_visuals(templates[name.rsplit("_:", 1)[0]], 1.0)
-            yield RayBody(visuals=visuals, entity=sapien_object(actor))
-        for furniture in spec.articulations:
-            of_link = furniture_visuals(furniture.urdf_file, furniture.scale)
-            for link in active.articulations[furniture.name].links:
-                yield RayBody(visuals=of_link[link.name], entity=sapien_object(link).entity)
-        of_link = urdf_visuals(self._agent.urdf(visuals=True))
-        for link in self._agent.robot.links:
-            if link.name not in self._hidden:
-                yield RayBody(visuals=of_link[link.name], entity=sapien_object(link).entity)
 
 
 def pinhole_of(config: CameraConfig) -> Pinhole:

@@ -180,6 +180,18 @@ class ContactForce:
                     x, y, z = point.impulse.tolist()
                     self._impulse_n_s += (x * x + y * y + z * z) ** 0.5
 
+    def points_m(self) -> Floats:
+        """Returns where the robot pressed on other bodies in the latest physics step, (C, 3)."""
+        apart = self._links.isdisjoint
+        found = [
+            point.position
+            for contact in self._px.get_contacts()
+            if not apart(contact.bodies)
+            for point in contact.points
+            if point.impulse.any()
+        ]
+        return np.array(found, dtype=float).reshape(-1, 3)
+
     def deepest_m(self) -> float:
         """Returns how deep the robot is in another body after the latest physics step [m]."""
         apart = self._links.isdisjoint

@@ -130,7 +130,7 @@ TARGET_COLOR = (0.9, 0.2, 0.0)
 GOAL_COLOR = (0.0, 0.6, 0.05)
 HANDLE_COLOR = (0.0, 0.15, 0.9)
 
-_TIP_M = {TARGET_COLOR: 0.13, GOAL_COLOR: 0.05, HANDLE_COLOR: 0.04}
+TIP_M = {TARGET_COLOR: 0.13, GOAL_COLOR: 0.05, HANDLE_COLOR: 0.04}
 """Height of an arrow's tip above the marked point; the centre of a tall object is 11 cm below its
 top."""
 
@@ -159,7 +159,7 @@ class Marks(HiddenVisuals):
         if colors != self._colors:
             self._make(colors)
         for entity, (color, point_m) in zip(self._arrows, points, strict=True):
-            entity.set_pose(sapien.Pose([*point_m[:2], point_m[2] + _TIP_M[color]]))
+            entity.set_pose(sapien.Pose([*point_m[:2], point_m[2] + TIP_M[color]]))
 
     def _make(self, colors: list[tuple[float, float, float]]) -> None:
         for entity in self._arrows:
@@ -172,7 +172,7 @@ class Marks(HiddenVisuals):
 
 
 def marked_points(world: EpisodeSimulation) -> Iterable[tuple[tuple[float, float, float], Array]]:
-    """Yields colour and world position (3,) [m] of each mark."""
+    """Yields colour and the marked point in the world (3,) [m] of each mark."""
     snapshot, goals = world.snapshot, world.goals
     for number in range(world.requirements.objects):
         start_m, goal_m = goals.starts_m[0][number], goals.goals_m[0][number]
@@ -186,16 +186,21 @@ def marked_points(world: EpisodeSimulation) -> Iterable[tuple[tuple[float, float
         yield GOAL_COLOR, np.array((x, y, 0.0))
 
 
-def _arrow(
-    color: tuple[float, float, float],
-) -> tuple[sapien.Entity, sapien.render.RenderBodyComponent]:
-    """Returns an arrow that points down, with its tip at the origin."""
+def arrow_mesh() -> Any:
+    """Returns the mesh of an arrow that points down, with its tip at the origin."""
     head = trimesh.creation.cone(radius=_HEAD_RADIUS_M, height=_HEAD_M)
     head.apply_transform(trimesh.transformations.rotation_matrix(np.pi, (1, 0, 0)))
     head.apply_translation((0, 0, _HEAD_M))
     shaft = trimesh.creation.cylinder(radius=_SHAFT_RADIUS_M, height=_SHAFT_M)
     shaft.apply_translation((0, 0, _HEAD_M + _SHAFT_M / 2))
-    mesh: Any = trimesh.util.concatenate([head, shaft])
+    return trimesh.util.concatenate([head, shaft])
+
+
+def _arrow(
+    color: tuple[float, float, float],
+) -> tuple[sapien.Entity, sapien.render.RenderBodyComponent]:
+    """Returns an arrow as an entity, and its visual."""
+    mesh = arrow_mesh()
     # Emissive, so that it is as bright inside a cupboard as outside.
     material = sapien.render.RenderMaterial(
         emission=[*color, 1.0], base_color=[0.0, 0.0, 0.0, 1.0], roughness=1.0

@@ -72,6 +72,16 @@ DIR/<submission>/video_<index>_<episode id>.mp4. A video with another outcome or
 than recorded is not kept. The exit status is that of `verify`."""
 
 
+VIEW_HELP = """Shows an episode in 3-D in the browser (pip install 'hab-eval[view]').
+
+Example:
+  hab-eval view runs/pick --episode 3 --out episode.html
+
+The episode is repeated with the agent. The page has a time slider, images of the cameras, contacts,
+and the beliefs of an agent that reports them; it needs neither a GPU nor a Vulkan device. The exit
+status is that of `verify`."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class TableCommand(Command):
     """Options of `hab-eval table`."""
@@ -162,18 +172,13 @@ class SubmitCommand(Command):
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReplayCommand(Command):
-    """Options of the commands that repeat episodes of a submission."""
+class RepeatCommand(Command):
+    """Options of the commands that repeat an episode of a submission."""
 
     submission: Annotated[str, tyro.conf.Positional, tyro.conf.arg(metavar="SUBMISSION")]
     """The submission: its name in the submissions folder, or a run (folder or run.json)."""
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of submissions; this checkout's if not given."""
-    episode: Annotated[
-        tuple[int, ...], tyro.conf.arg(metavar="INDEX"), tyro.conf.UseAppendAction
-    ] = ()
-    """Index of an episode to repeat, from 0, instead of the command's own choice; can be
-    repeated."""
     scene_dataset: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
     """Folder of the run's scene dataset on this machine; not needed for `apartment`."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
@@ -185,10 +190,37 @@ class ReplayCommand(Command):
     repeated."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
-    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
-    """Number of worker processes; does not change results."""
     verbose: bool = False
     """Print the traceback of an error in an episode."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayCommand(RepeatCommand):
+    """Options of the commands that repeat several episodes."""
+
+    episode: Annotated[
+        tuple[int, ...], tyro.conf.arg(metavar="INDEX"), tyro.conf.UseAppendAction
+    ] = ()
+    """Index of an episode to repeat, from 0, instead of the command's own choice; can be
+    repeated."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 1
+    """Number of worker processes; does not change results."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ViewCommand(RepeatCommand):
+    """Options of `hab-eval view`."""
+
+    help: ClassVar[str] = VIEW_HELP
+    work: ClassVar[str] = "hab_eval.commands.view:view"
+
+    episode: Annotated[int, tyro.conf.arg(metavar="INDEX")]
+    """Index of the episode, from 0."""
+    out: Annotated[Path | None, tyro.conf.arg(metavar="FILE")] = None
+    """Output: a page (.html), which works as a file, or a recording for viser's client (.viser).
+    The page is served on the loopback interface if not given."""
+    force: bool = False
+    """Overwrite FILE."""
 
 
 @dataclass(frozen=True, kw_only=True)

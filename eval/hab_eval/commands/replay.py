@@ -6,10 +6,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from hab_eval.commands.record_options import FilmCommand, ReplayCommand, VerifyCommand
+from hab_eval.commands.record_options import FilmCommand, RepeatCommand, VerifyCommand
 from hab_eval.records.config import parse_options
 from hab_eval.records.plain_text import show
-from hab_eval.records.results import EpisodeResult, RunRecord, highlights, read_record, video_name
+from hab_eval.records.results import FinishedEpisode, RunRecord, highlights, read_record, video_name
 from hab_eval.records.submissions import find_submission
 from hab_eval.run.evaluate import MOST_WORKERS
 from hab_eval.run.progress import make_reporter
@@ -32,12 +32,14 @@ EXIT_DIFFERENT = 1
 
 def verify(options: VerifyCommand) -> int:
     """Repeats the episodes and prints the comparison."""
-    name, record = _read(options)
+    name, record = read_submission(options)
     drawn = draw(len(record.episodes), options.episodes, options.sample_seed)
-    indices = _chosen(options, record) or drawn
-    repeated, differences = _repeat(options, _request(options, record, indices, None))
+    indices = chosen(options.episode, record) or drawn
+    repeated, differences = repeat(
+        options, request_of(options, record, indices, workers=options.workers)
+    )
     recorded = [record.episodes[index] for index in indices]
-    show(comparison_table(name, recorded, repeated))
+    show(comparison_table(name, recorded, [one.episode for one in repeated]))
     for line in closing_lines(record, len(indices), differences):
         print(line)
     return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
@@ -45,14 +47,15 @@ def verify(options: VerifyCommand) -> int:
 
 def film(options: FilmCommand) -> int:
     """Repeats and records the episodes."""
-    name, record = _read(options)
-    indices = _chosen(options, record) or highlights(record)
+    name, record = read_submission(options)
+    indices = chosen(options.episode, record) or highlights(record)
     stems = {index: video_name(index, record.episodes[index].id) for index in indices}
     folder = options.out / name
     for stem in stems.values():
         check_file(folder / f"{stem}.mp4", force=options.force)
     with scratch_folder(options.out) as scratch:
-        _, differences = _repeat(options, _request(options, record, indices, scratch))
+        request = request_of(options, record, indices, workers=options.workers, videos=scratch)
+        _, differences = repeat(options, request)
         different = {one.episode for one in differences if not one.small}
         for index, stem in stems.items():
             if record.episodes[index].id not in different:
@@ -63,27 +66,33 @@ def film(options: FilmCommand) -> int:
     return 0 if level_of(differences) != DIFFERENT else EXIT_DIFFERENT
 
 
-def _read(options: ReplayCommand) -> tuple[str, RunRecord]:
+def read_submission(options: RepeatCommand) -> tuple[str, RunRecord]:
     """Returns the name and the content of the submission."""
     path = find_submission(options.submission, options.submissions)
     name = path.resolve().parent.name if path.name == "run.json" else path.stem
     return name, read_record(path)
 
 
-def _chosen(options: ReplayCommand, record: RunRecord) -> tuple[int, ...]:
+def chosen(indices: Sequence[int], record: RunRecord) -> tuple[int, ...]:
     """Returns the indices given by --episode."""
-    for index in options.episode:
+    for index in indices:
         if not 0 <= index < len(record.episodes):
             valid = f"from 0 to {len(record.episodes) - 1}"
             raise OptionError.of_value("--episode", index, valid)
-    return tuple(sorted(set(options.episode)))
+    return tuple(sorted(set(indices)))
 
 
-def _request(
-    options: ReplayCommand, record: RunRecord, indices: Sequence[int], videos: Path | None
+def request_of(
+    options: RepeatCommand,
+    record: RunRecord,
+    indices: Sequence[int],
+    *,
+    workers: int = 1,
+    videos: Path | None = None,
+    motions: Path | None = None,
 ) -> Replay:
-    """Returns which episodes to repeat, and how."""
-    whole("workers", options.workers, 1, MOST_WORKERS)
+    """Returns which episodes to repeat, and how; records videos or motions into a folder."""
+    whole("workers", workers, 1, MOST_WORKERS)
     return Replay(
         record=record,
         indices=indices,
@@ -91,14 +100,15 @@ def _request(
         objects=options.objects,
         options=parse_options(options.option),
         device=options.device,
-        workers=options.workers,
+        workers=workers,
         videos=videos,
+        motions=motions,
     )
 
 
-def _repeat(
-    options: ReplayCommand, request: Replay
-) -> tuple[list[EpisodeResult], list[Difference]]:
+def repeat(
+    options: RepeatCommand, request: Replay
+) -> tuple[list[FinishedEpisode], list[Difference]]:
     """Repeats the episodes, with progress."""
     reporter = make_reporter(
         terminal=sys.stderr.isatty(),

@@ -156,7 +156,8 @@ class Link:
                 ping_interval=None,  # a policy may hold its interpreter for long
                 proxy=None,
             )
-            self._connection = self._closing.enter_context(opening)
+            self._closing.enter_context(opening)
+            self._connection = opening
             if self._protocol == "openpi":
                 about = unpack(self._received())
             else:

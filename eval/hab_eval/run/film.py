@@ -122,10 +122,12 @@ def describe(episode_id: str, instruction: str, step_info: StepInfo) -> list[str
     """Returns the caption: task, outcome, plan step, stages, reward terms and return."""
     info = step_info.info
     time_s = step_info.step / CONTROL_HZ
-    lines = [f"{episode_id}   step {step_info.step}   {time_s:.1f} s   {_outcome(info)}".rstrip()]
+    lines = [
+        f"{episode_id}   step {step_info.step}   {time_s:.1f} s   {outcome_words(info)}".rstrip()
+    ]
     lines += [instruction] if instruction else []
     lines += [step_info.doing] if step_info.doing else []
-    lines += _stages(info)
+    lines += stage_lines(info)
     if step_info.step:  # there is no reward at a reset
         terms = {name: float(value) for name, value in info.get("reward_terms", {}).items()}
         nonzero = ", ".join(f"{name} {value:+.4f}" for name, value in terms.items() if value)
@@ -133,13 +135,13 @@ def describe(episode_id: str, instruction: str, step_info: StepInfo) -> list[str
     return [*lines, f"return {step_info.episode_return:+.3f}"]
 
 
-def _outcome(info: Mapping[str, Any]) -> str:
+def outcome_words(info: Mapping[str, Any]) -> str:
     """Returns success and failures by name; empty while the episode is running."""
     ends = {"success": info.get("success", False), **info.get("failures", {})}
     return " ".join(name for name, value in ends.items() if bool(value))
 
 
-def _stages(info: Mapping[str, Any]) -> list[str]:
+def stage_lines(info: Mapping[str, Any]) -> list[str]:
     """Returns a task's current part and its reached stages; empty for a skill."""
     stages = info.get("stages", {})
     if not stages:

@@ -18,7 +18,7 @@ from hab_eval.records import provenance
 from hab_eval.records.config import EMBEDDED_DATASET, MOST_EPISODES, EvalConfig
 from hab_eval.records.plain_text import add_row, plain
 from hab_eval.records.provenance import AgentFiles, agent_files
-from hab_eval.records.results import SPEC_FIELDS, EpisodeResult, RunRecord
+from hab_eval.records.results import SPEC_FIELDS, EpisodeResult, FinishedEpisode, RunRecord
 from hab_eval.run import environments
 from hab_eval.run.evaluate import Reporter, check_device
 from hab_eval.run.isolation import opened_agent
@@ -52,6 +52,7 @@ class Replay:
         device: Torch device of the agent's networks.
         workers: Number of worker processes.
         videos: Folder for videos of the episodes; None records none.
+        motions: Folder for the motions of the episodes; None records none.
     """
 
     record: RunRecord
@@ -62,6 +63,7 @@ class Replay:
     device: str = "cpu"
     workers: int = 1
     videos: Path | None = None
+    motions: Path | None = None
 
     def config(self) -> EvalConfig:
         """Returns the configuration of the submitted run.
@@ -116,8 +118,8 @@ class Difference:
     small: bool = False
 
 
-def replay(request: Replay, reporter: Reporter) -> tuple[list[EpisodeResult], list[Difference]]:
-    """Repeats episodes; returns their results in order, and the differences from the record.
+def replay(request: Replay, reporter: Reporter) -> tuple[list[FinishedEpisode], list[Difference]]:
+    """Repeats episodes; returns them in order, and the differences from the record.
 
     Raises:
         HabError: The dataset or the agent is missing, or the episodes are others.
@@ -132,15 +134,16 @@ def replay(request: Replay, reporter: Reporter) -> tuple[list[EpisodeResult], li
         files = agent_files(config.agent, agent.spec.files, config.options)
         differences = _spec_differences(record, agent.spec)
     differences += file_differences(record, files)
-    pairs = [(record.episodes[i], one) for i, one in zip(request.indices, repeated, strict=True)]
-    for recorded, one in pairs:
-        differences += episode_differences(recorded, one)
+    recorded = [record.episodes[index] for index in request.indices]
+    pairs = [(old, new.episode) for old, new in zip(recorded, repeated, strict=True)]
+    for old, new in pairs:
+        differences += episode_differences(old, new)
     return repeated, differences + _seconds_difference(pairs)
 
 
 def _repeated(
     request: Replay, config: EvalConfig, agent: Agent, reporter: Reporter
-) -> list[EpisodeResult]:
+) -> list[FinishedEpisode]:
     """Plays the episodes."""
     record = request.record
     episodes = environments.load_episode_set(config, reporter.generating, request.workers)
@@ -151,15 +154,16 @@ def _repeated(
     plan = RolloutPlan(
         config=config,
         split=episodes.split,
-        out=request.videos or Path(),
+        out=request.videos or request.motions or Path(),
         videos=0 if request.videos is None else config.episodes,
+        motions=request.motions is not None,
         device=request.device,
     )
     reporter.running(0, len(jobs))
-    found: dict[str, EpisodeResult] = {}
+    found: dict[str, FinishedEpisode] = {}
     with contextlib.closing(run_agent(plan, agent, jobs, workers=request.workers)) as results:
         for finished in results:
-            found[finished.episode.id] = finished.episode
+            found[finished.episode.id] = finished
             reporter.finished(finished)
     return [found[record.episodes[index].id] for index in request.indices]
 

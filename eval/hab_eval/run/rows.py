@@ -18,9 +18,10 @@ from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
 from hab_eval.run.agent_checks import without_exit
 from hab_eval.run.film import VideoRecorder
+from hab_eval.run.motion import MotionRecorder
 from hab_eval.run.observations import AgentView, batched
 from hab_tasks.agent import AgentSpec
-from hab_tasks.engine.rollout import EnvRow, Job, Outcome
+from hab_tasks.engine.rollout import EnvRow, Job, Observer, Outcome
 from hab_tasks.errors import RunStoppedError
 
 if TYPE_CHECKING:
@@ -34,8 +35,9 @@ class RolloutPlan:
     Attributes:
         config: The evaluation's configuration.
         split: Resolved episode split.
-        out: The run folder, for videos.
+        out: The run folder, for videos and motions.
         videos: Number of episodes to record, from the first.
+        motions: Whether to record the motion of every body, see `hab_eval.run.motion`.
         device: Device of the agent's networks.
     """
 
@@ -43,6 +45,7 @@ class RolloutPlan:
     split: str
     out: Path
     videos: int
+    motions: bool = False
     device: str = "cpu"
 
 
@@ -114,7 +117,9 @@ def make_rows(plan: RolloutPlan, spec: AgentSpec, count: int) -> LocalRows:
         env = environments.make_env(plan.config, spec, split=plan.split, render=render)
         instruct = partial(environments.instruction_of, plan.config.env)
         film = VideoRecorder(env, plan.out, count=plan.videos, instruct=instruct)
-        rows.append(EnvRow(env, [film] if render else [], view=AgentView(spec)))
+        observers: list[Observer] = [film] if render else []
+        observers += [MotionRecorder(env, plan.out)] if plan.motions else []
+        rows.append(EnvRow(env, observers, view=AgentView(spec)))
     return LocalRows(rows)
 
 

@@ -210,7 +210,7 @@ def run_batched(
     start_server(__name__, *worker_imports(plan.config))
     workers = [_Worker(_serve_rows, plan, agent.spec, share) for share in shares]
     try:
-        remote = _RemoteRows(workers, shares, watched=plan.videos > 0)
+        remote = _RemoteRows(workers, shares, watched=plan.videos > 0 or plan.motions)
         yield from play(agent, remote, iter(jobs))
     finally:
         end_all([process for worker in workers for process in worker.processes])

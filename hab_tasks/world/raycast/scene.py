@@ -55,8 +55,9 @@ class Pinhole:
 
 @dataclass(frozen=True, kw_only=True)
 class RayBody:
-    """A visible body: its shapes, its entity, and whether its pose may change."""
+    """A visible body: its name, its shapes, its entity, and whether its pose may change."""
 
+    name: str
     visuals: Visuals
     entity: sapien.Entity
     moves: bool = True

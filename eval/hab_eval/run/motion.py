@@ -138,7 +138,8 @@ class MotionRecorder:
         if self._rays is None:
             names = [name for name in VIEWS if name in env.robot.cameras]
             rig = CameraRig.of(env.robot, names, DEPTH_SIZE_PX, CAMERA_HFOV_RAD)
-            self._rays = RaySensors(env.simulation, env.agent, rig, {}, hides_arm=False)
+            cameras = rig.configs(env.agent.link)
+            self._rays = RaySensors(env.simulation, env.agent, cameras, {}, hides_arm=False)
         wanted = CameraObsTextures(
             rgb=False,
             depth=True,

@@ -21,6 +21,7 @@ from urllib.parse import parse_qs, urlsplit
 import torch
 from torch import Tensor
 from websockets.exceptions import ConnectionClosed
+from websockets.frames import CloseCode
 from websockets.http11 import Request, Response
 from websockets.sync.server import Server, ServerConnection, serve
 
@@ -121,6 +122,8 @@ class PolicyServer:
         prompt = PROMPT[options.protocol]
         self._reader = MessageReader(spec, entries, spaces.observation, prompt)
         self._idle, self._lock, self._count = [agent], threading.Lock(), 0
+        self._open: set[ServerConnection] = set()
+        self._open_lock, self._closed = threading.Lock(), False
         self._token = os.environ.get(TOKEN_VARIABLE)
         self._about = {"agent": spec.name, "env": self._env}
         self._about |= {"observation_params": spec_params(spec), "protocol_version": 1}
@@ -136,6 +139,11 @@ class PolicyServer:
     def close(self) -> None:
         """Stops listening, and ends all connections."""
         self._server.shutdown()
+        # Before version 17 of websockets, `shutdown` leaves the connections open.
+        with self._open_lock:
+            self._closed, left = True, list(self._open)
+        for connection in left:
+            connection.close(CloseCode.GOING_AWAY)
 
     def _listen(self) -> Server:
         options = self._options
@@ -173,7 +181,19 @@ class PolicyServer:
         return connection.respond(HTTPStatus.UNAUTHORIZED, f"The token of {TOKEN_VARIABLE}.\n")
 
     def _handle(self, connection: ServerConnection) -> None:
-        """Serves one connection; errors are reported to the client, which ends it."""
+        """Serves one connection until it is closed."""
+        with self._open_lock:
+            if self._closed:
+                return
+            self._open.add(connection)
+        try:
+            self._answer(connection)
+        finally:
+            with self._open_lock:
+                self._open.discard(connection)
+
+    def _answer(self, connection: ServerConnection) -> None:
+        """Answers a connection; errors are reported to the client, which ends it."""
         openpi = self._options.protocol == "openpi"
         seq = [0]
         try:

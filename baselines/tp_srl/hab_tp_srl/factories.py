@@ -125,7 +125,6 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
     options = read_options(setup, skills_of(env_id, task))
     policies = _policies(setup, options)
     navigate = None if options.navigate is None else _navigation(setup, options.navigate)
-
     spec = _spec(options, policies, navigate)
 
     def make_scene(robot: RobotSpec) -> Scene:

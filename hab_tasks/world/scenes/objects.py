@@ -15,6 +15,7 @@ from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.world.scenes.fields import Fields, check_number, is_present, read_fields
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, maniskill_folder
 from hab_tasks.world.scenes.habitat.load import load_template
+from hab_tasks.world.scenes.mesh_checks import check_mesh
 from hab_tasks.world.scenes.meshes import parts_file
 from hab_tasks.world.scenes.spec import CollisionSource, ObjectTemplate
 from hab_tasks.world.scenes.urdf import read_urdf
@@ -85,8 +86,7 @@ def _ycb_objects(root: Path) -> dict[str, ObjectTemplate]:
         for file in (visual, collision):
             if not is_present(file):
                 raise DatasetError(f"{root}: object {name} has no {file.relative_to(root)}.")
-            if file.stat().st_size == 0:
-                raise DatasetError(f"{file}: the file is empty.")
+            check_mesh(file)
         parts, volume_m3 = parts_file(collision)
         about = info.part(name, optional=True)
         density_kg_m3 = about.number("density", DEFAULT_DENSITY_KG_M3, above=0.0)

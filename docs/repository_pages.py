@@ -26,6 +26,7 @@ STUDIES = "eval/studies"
 
 PAGES = {
     "eval/README.md": "packages/eval.md",
+    "eval/lerobot_env_hab/README.md": "packages/lerobot.md",
     "eval/leaderboard/LEADERBOARD.md": "packages/leaderboard.md",
     "baselines/spa/README.md": "packages/spa.md",
     "baselines/plans/README.md": "packages/plans.md",

@@ -17,8 +17,8 @@ class Stats:
     """Statistics of one feature.
 
     Attributes:
-        least, largest, mean, deviation: Per entry, (n,); of images per channel, (3, 1, 1), in
-            [0, 1].
+        least, largest, mean, deviation: Per entry, (n,); of images per channel, (C, 1, 1), of
+            colour in [0, 1], of depth in mm.
         count: Number of frames.
     """
 
@@ -30,10 +30,11 @@ class Stats:
 
 
 def stats_of(values: NDArray[Any]) -> Stats:
-    """Returns the statistics of a feature over frames, (T, n) or (T, H, W, 3) uint8."""
+    """Returns the statistics of a feature over frames, (T, n) or (T, H, W, C) uint8 or uint16."""
     over, shape = (0,), values.shape[1:]
     if values.ndim == 4:
-        over, shape = (0, 1, 2), (3, 1, 1)
+        over, shape = (0, 1, 2), (values.shape[3], 1, 1)
+    if values.dtype == np.uint8:
         values = values / 255.0
     numbers = values.astype(np.float64)
     least, largest = numbers.min(axis=over), numbers.max(axis=over)

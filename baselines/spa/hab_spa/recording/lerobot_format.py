@@ -1,22 +1,21 @@
 """Writes a recorded trajectory as a LeRobot dataset (v3.0), for imitation learning.
 
-The package `lerobot` requires an older PyTorch than this project. The format consists of Parquet
-and JSON files, so pyarrow (the extra `lerobot` of this package) is sufficient.
+The package `lerobot` requires an older PyTorch than this project. The format consists of Parquet,
+JSON and video files, so pyarrow (the extra `lerobot` of this package) is sufficient.
 
-    meta/info.json              features with shapes and names, frame rate, paths
-    meta/stats.json             minimum, maximum, mean and standard deviation of each feature
-    meta/tasks.parquet          instruction -> task_index
-    meta/episodes/...parquet    length, task and statistics of each episode
     data/...parquet             one row per action: observation before it, reward after it
+    videos/CAMERA/...mp4        colour images, one file per episode
+    meta/                       see `hab_spa.recording.lerobot_meta`
 
-Images are embedded as PNG; depth as grayscale, where 255 is the cameras' range (10 m).
+``observation.state`` is proprioception; positions of targets are ``observation.environment_state``.
+Depth is embedded as PNG of 16 bits, in millimetres. ``subtask`` is the instruction of the stage.
 """
 
 from __future__ import annotations
 
-import io
 import json
-from collections.abc import Iterator, Mapping
+import zipfile
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,9 +23,9 @@ from typing import Any
 import h5py
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from hab_spa.recording.dataset_stats import Stats, merge_stats, nested, stats_of
+from hab_spa.recording.dataset_stats import stats_of
+from hab_spa.recording.frames import DEPTH, VIDEO, Seen
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import OptionError
 from hab_tasks.robots.control import control_configs
@@ -38,87 +37,83 @@ try:
 except ImportError as error:
     raise OptionError("--lerobot needs pyarrow: pip install 'hab-spa[lerobot]'.") from error
 
-VERSION = "v3.0"
-PATH = "chunk-{chunk_index:03d}/file-{file_index:03d}.parquet"
-DATA_PATH, EPISODES_PATH = f"data/{PATH}", f"meta/episodes/{PATH}"
-FILES_OF_A_CHUNK = 1000
-FILE_SIZE_MB = 100
-"""Size at which a new data file is started."""
+from hab_spa.recording.lerobot_meta import (
+    DATA_PATH,
+    FILE_SIZE_MB,
+    VIDEO_PATH,
+    EpisodeEntry,
+    Feature,
+    numbered,
+    write_meta,
+)
 
 IMAGE = pa.struct({"bytes": pa.binary(), "path": pa.string()})
-NUMBERS = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_()}
+SINGLE = {"float32": pa.float32(), "int64": pa.int64(), "bool": pa.bool_(), "string": pa.string()}
+
+STATE, TARGETS = "observation.state", "observation.environment_state"
+FEATURES = {"agent": STATE, "extra": TARGETS}
+"""Group of an observation -> feature."""
 
 Frames = dict[str, NDArray[Any]]
-"""Feature -> values in all frames of an episode, (T, ...)."""
+"""Feature -> values in all frames of an episode, (T, n)."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Feature:
-    """One column: `shape` of a frame's value, and the names of its entries."""
+class _Numbers:
+    """Values of an episode by feature, with the descriptions of the features."""
 
-    dtype: str
-    shape: tuple[int, ...]
-    names: tuple[str, ...] | None = None
+    frames: Frames
+    features: dict[str, Feature]
 
-    @property
-    def column(self) -> pa.DataType:
-        """The Parquet type."""
-        if self.dtype == "image":
-            return IMAGE
-        single = NUMBERS[self.dtype]
-        return single if self.shape == (1,) else pa.list_(single, self.shape[0])
+    def drop(self, name: str) -> None:
+        """Removes a feature, if it is there."""
+        self.frames.pop(name, None)
+        self.features.pop(name, None)
 
 
-@dataclass(frozen=True, kw_only=True)
-class EpisodeEntry:
-    """Metadata of a written episode.
-
-    Attributes:
-        task: Instruction.
-        start: Index of its first frame in the dataset.
-        length: Number of frames.
-        file: Index of its data file.
-        stats: Feature -> statistics.
-    """
-
-    task: str
-    start: int
-    length: int
-    file: int
-    stats: Mapping[str, Stats]
-
-
-def write_dataset(trajectory: Path, folder: Path, robot: RobotSpec) -> None:
+def write_dataset(
+    trajectory: Path, folder: Path, robot: RobotSpec, seen: Sequence[Seen], targets: bool = True
+) -> None:
     """Writes a dataset.
 
     Args:
-        trajectory: The .h5 file of a recording, with its .json beside it.
+        trajectory: The .h5 file of a recording, with its .json and the folders of images beside it;
+            videos are moved into the dataset.
         folder: Output folder; it is created.
         robot: The robot.
+        seen: What was seen and told in each episode.
+        targets: Whether to write the positions of targets.
     """
     recording = json.loads(trajectory.with_suffix(".json").read_text(encoding="utf-8"))
     features: dict[str, Feature] = {}
     entries: list[EpisodeEntry] = []
-    tasks = list(dict.fromkeys(entry["task"] for entry in recording["episodes"]))
+    tasks = list(dict.fromkeys(one.task for one in seen))
     with h5py.File(trajectory) as file, _DataFiles(folder) as data:
-        for number, entry in enumerate(recording["episodes"]):
-            group: Any = file[f"traj_{entry['episode_id']}"]
-            frames, features = _frames(group, action_names(robot, entry["control_mode"]))
+        for number, (entry, one) in enumerate(zip(recording["episodes"], seen, strict=True)):
+            name = f"traj_{entry['episode_id']}"
+            found = _numbers(file[name], one, action_names(robot, entry["control_mode"]))
+            if not targets:
+                found.drop(TARGETS)
             start = entries[-1].start + entries[-1].length if entries else 0
-            frames |= _indices(len(frames["action"]), number, start, tasks.index(entry["task"]))
-            features |= _index_features(frames)
-            columns = [_column(frames[name], feature) for name, feature in features.items()]
-            into = data.write(pa.Table.from_arrays(columns, names=list(features)))
+            length = len(found.frames["action"])
+            found.frames.update(_indices(length, number, start, tasks.index(one.task)))
+            pictures = {f"observation.images.{n}": shape for n, shape in one.shapes.items()}
+            features = found.features | _index_features(found.frames)
+            features |= {n: _image_feature(shape) for n, shape in pictures.items()}
+            columns = {n: _column(v, features[n]) for n, v in found.frames.items()}
+            columns |= _take_images(trajectory.with_name(name), folder, number)
+            stats = {n: stats_of(v) for n, v in found.frames.items() if v.dtype != object}
+            stats |= {f"observation.images.{n}": s for n, s in one.stats.items()}
             entries.append(
                 EpisodeEntry(
-                    task=entry["task"],
+                    task=one.task,
                     start=start,
-                    length=len(frames["action"]),
-                    file=into,
-                    stats={name: stats_of(frames[name]) for name in features},
+                    length=length,
+                    file=data.write(pa.table(columns)),
+                    stats=stats,
                 )
             )
-    _write_meta(folder, features, tasks, entries, robot.uid)
+    write_meta(folder, features, tasks, entries, robot.uid)
 
 
 def action_names(robot: RobotSpec, control_mode: str) -> tuple[str, ...]:
@@ -132,7 +127,7 @@ def action_names(robot: RobotSpec, control_mode: str) -> tuple[str, ...]:
 
 
 class _DataFiles:
-    """Writes tables to a sequence of files of limited size."""
+    """Writes tables to a sequence of files of limited size, a row group for each."""
 
     def __init__(self, folder: Path) -> None:
         self._folder, self._number, self._writer = folder, -1, None
@@ -152,62 +147,84 @@ class _DataFiles:
             self._writer = None
         if self._writer is None:
             self._number += 1
-            self._path = self._folder / _numbered(DATA_PATH, self._number)
+            self._path = self._folder / numbered(DATA_PATH, self._number)
             self._path.parent.mkdir(parents=True, exist_ok=True)
             self._writer = parquet.ParquetWriter(self._path, table.schema)
         self._writer.write_table(table)
         return self._number
 
 
-def _frames(group: Any, actions_are: tuple[str, ...]) -> tuple[Frames, dict[str, Feature]]:
-    """Returns the frames of an episode's group: observations, actions, rewards and flags."""
+def _numbers(group: Any, seen: Seen, actions_are: tuple[str, ...]) -> _Numbers:
+    """Returns an episode's observed numbers, actions, rewards, flags and stages."""
     actions = np.asarray(group["actions"], dtype=np.float32)
     count = len(actions)
-    obs = group["obs"]
-    seen = list(_numbers_in(obs)) if isinstance(obs, h5py.Group) else [("state", obs)]
-    state = np.concatenate([np.reshape(v[:count], (count, -1)) for _, v in seen], axis=1)
-    names = tuple(f"{name}_{i}" for name, v in seen for i in range(v[0].size))
+    frames: Frames = {}
+    features: dict[str, Feature] = {}
+    for feature, parts in _observed(group["obs"], seen):
+        columns = [np.reshape(values[:count], (count, -1)) for _, values in parts]
+        frames[feature] = np.concatenate(columns, axis=1).astype(np.float32)
+        names = tuple(
+            f"{name}_{i}"
+            for (name, _), v in zip(parts, columns, strict=True)
+            for i in range(v.shape[1])
+        )
+        features[feature] = Feature(dtype="float32", shape=(len(names),), names=names)
     done = np.asarray(group["terminated"]) | np.asarray(group["truncated"])
-    frames = {
-        "observation.state": state.astype(np.float32),
+    frames |= {
         "action": actions.reshape(count, -1),
         "next.reward": np.asarray(group["rewards"], dtype=np.float32)[:, None],
         "next.done": done[:, None],
         "next.success": np.asarray(group["success"])[:, None],
+        "subtask": _stage_texts(seen, count)[:, None],
     }
-    features = {
-        name: Feature(dtype=str(values.dtype), shape=values.shape[1:])
-        for name, values in frames.items()
-    }
-    features["observation.state"] = Feature(dtype="float32", shape=state.shape[1:], names=names)
     features["action"] = Feature(
         dtype="float32", shape=frames["action"].shape[1:], names=actions_are
     )
-    for name, pictures in _pictures_in(obs):
-        frames[name] = pictures[:count]
-        shape = pictures.shape[1:]
-        features[name] = Feature(dtype="image", shape=shape, names=("height", "width", "channels"))
-    return frames, features
+    for name in ("next.reward", "next.done", "next.success"):
+        features[name] = Feature(dtype=str(frames[name].dtype), shape=(1,))
+    features["subtask"] = Feature(dtype="string", shape=(1,))
+    return _Numbers(frames=frames, features=features)
 
 
-def _numbers_in(obs: Any) -> Iterator[tuple[str, Any]]:
-    """Yields name and values (T + 1, n) of every non-image entry."""
-    for part in ("agent", "extra"):
-        if part in obs:
-            yield from obs[part].items()
+def _observed(observed: Any, seen: Seen) -> Iterator[tuple[str, list[tuple[str, Any]]]]:
+    """Yields each feature of an observation with name and values (T + 1, ...) of its entries."""
+    is_flat = isinstance(observed, h5py.Dataset)  # with `obs_mode="state"`
+    obs: Any = observed
+    for group, feature in FEATURES.items():
+        if not is_flat:
+            parts = list(obs[group].items()) if group in obs else []
+        else:
+            ends = np.cumsum([size for _, _, size in seen.entries])
+            parts = [
+                (name, obs[:, end - size : end])
+                for (of, name, size), end in zip(seen.entries, ends, strict=True)
+                if of == group
+            ]
+        if parts:
+            yield feature, parts
 
 
-def _pictures_in(obs: Any) -> Iterator[tuple[str, NDArray[np.uint8]]]:
-    """Yields name and images (T + 1, H, W, 3) of every camera."""
-    if not isinstance(obs, h5py.Group) or "sensor_data" not in obs:
-        return
-    cameras: Any = obs["sensor_data"]
-    for camera, images in cameras.items():
-        if "rgb" in images:
-            yield f"observation.images.{camera}", np.asarray(images["rgb"])
-        if "depth" in images:
-            grey = np.rint(255 * np.clip(images["depth"], 0.0, 1.0)).astype(np.uint8)
-            yield f"observation.images.{camera}_depth", np.repeat(grey, 3, axis=-1)
+def _stage_texts(seen: Seen, count: int) -> NDArray[Any]:
+    """Returns the instruction of the stage in every frame, (T,) of text."""
+    ends = [step for step, _ in seen.stages[1:]] + [count]
+    texts = [[text] * (end - step) for (step, text), end in zip(seen.stages, ends, strict=True)]
+    return np.array([text for part in texts for text in part], dtype=object)
+
+
+def _take_images(images: Path, folder: Path, number: int) -> dict[str, pa.Array]:
+    """Returns an episode's embedded images by feature; moves its videos into the dataset."""
+    columns = {}
+    for file in sorted(images.iterdir()):
+        feature = f"observation.images.{file.stem}"
+        if file.suffix == VIDEO:
+            target = folder / numbered(VIDEO_PATH, number).replace("VIDEO", feature)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            file.replace(target)
+        elif file.suffix == DEPTH:
+            with zipfile.ZipFile(file) as pngs:
+                rows = [{"bytes": pngs.read(name), "path": None} for name in pngs.namelist()]
+            columns[feature] = pa.array(rows, type=IMAGE)
+    return columns
 
 
 def _indices(count: int, episode: int, start: int, task: int) -> Frames:
@@ -227,106 +244,16 @@ def _index_features(frames: Frames) -> dict[str, Feature]:
     return {name: Feature(dtype=str(frames[name].dtype), shape=(1,)) for name in names}
 
 
+def _image_feature(shape: tuple[int, ...]) -> Feature:
+    is_depth = shape[2] == 1
+    dtype = "image" if is_depth else "video"
+    return Feature(dtype=dtype, shape=shape, names=("height", "width", "channels"))
+
+
 def _column(values: NDArray[Any], feature: Feature) -> pa.Array:
-    if feature.dtype == "image":
-        encoded = [{"bytes": _png(picture), "path": None} for picture in values]
-        return pa.array(encoded, type=feature.column)
+    single = SINGLE[feature.dtype]
     if feature.shape == (1,):
-        return pa.array(values[:, 0], type=feature.column)
-    return pa.FixedSizeListArray.from_arrays(values.reshape(-1), type=feature.column)
-
-
-def _png(picture: NDArray[np.uint8]) -> bytes:
-    file = io.BytesIO()
-    Image.fromarray(picture).save(file, format="PNG")
-    return file.getvalue()
-
-
-def _numbered(path: str, file: int) -> str:
-    chunk, number = divmod(file, FILES_OF_A_CHUNK)
-    return path.format(chunk_index=chunk, file_index=number)
-
-
-# Metadata --------------------------------------------------------------------------------------
-
-
-def _write_meta(
-    folder: Path,
-    features: Mapping[str, Feature],
-    tasks: list[str],
-    entries: list[EpisodeEntry],
-    robot: str,
-) -> None:
-    """Writes everything under `meta`."""
-    episodes = folder / _numbered(EPISODES_PATH, 0)
-    episodes.parent.mkdir(parents=True)
-    rows = [_episode_row(number, entry) for number, entry in enumerate(entries)]
-    parquet.write_table(pa.Table.from_pylist(rows), episodes)
-    parquet.write_table(_task_table(tasks), folder / "meta" / "tasks.parquet")
-    stats = {name: merge_stats([entry.stats[name] for entry in entries]) for name in features}
-    _write_json(folder / "meta" / "stats.json", {name: nested(s) for name, s in stats.items()})
-    frames = sum(entry.length for entry in entries)
-    info = {
-        "codebase_version": VERSION,
-        "robot_type": robot,
-        "total_episodes": len(entries),
-        "total_frames": frames,
-        "total_tasks": len(tasks),
-        "chunks_size": FILES_OF_A_CHUNK,
-        "data_files_size_in_mb": FILE_SIZE_MB,
-        "video_files_size_in_mb": FILE_SIZE_MB,
-        "fps": CONTROL_HZ,
-        "splits": {"train": f"0:{len(entries)}"},
-        "data_path": DATA_PATH,
-        "video_path": None,
-        "features": {
-            name: {"dtype": f.dtype, "shape": f.shape, "names": f.names}
-            for name, f in features.items()
-        },
-    }
-    _write_json(folder / "meta" / "info.json", info)
-
-
-def _episode_row(number: int, entry: EpisodeEntry) -> dict[str, Any]:
-    """Returns an episode's row: location of its frames, task and statistics."""
-    chunk, file = divmod(entry.file, FILES_OF_A_CHUNK)
-    row = {
-        "episode_index": number,
-        "tasks": [entry.task],
-        "length": entry.length,
-        "data/chunk_index": chunk,
-        "data/file_index": file,
-        "dataset_from_index": entry.start,
-        "dataset_to_index": entry.start + entry.length,
-        "meta/episodes/chunk_index": 0,
-        "meta/episodes/file_index": 0,
-    }
-    for name, stats in entry.stats.items():
-        row |= {f"stats/{name}/{key}": value for key, value in nested(stats).items()}
-    return row
-
-
-def _task_table(tasks: list[str]) -> pa.Table:
-    """Returns the tasks as pandas writes a table with the instruction as its index."""
-    table = pa.table({"task_index": pa.array(range(len(tasks)), pa.int64()), "task": tasks})
-    kinds = {"task_index": "int64", "task": "object"}
-    pandas = {
-        "index_columns": ["task"],
-        "column_indexes": [],
-        "columns": [
-            {
-                "name": name,
-                "field_name": name,
-                "pandas_type": "int64" if kind == "int64" else "unicode",
-                "numpy_type": kind,
-                "metadata": None,
-            }
-            for name, kind in kinds.items()
-        ],
-        "pandas_version": "2.0.0",
-    }
-    return table.replace_schema_metadata({"pandas": json.dumps(pandas)})
-
-
-def _write_json(file: Path, value: object) -> None:
-    file.write_text(json.dumps(value, indent=4) + "\n", encoding="utf-8")
+        return pa.array(values[:, 0], type=single)
+    return pa.FixedSizeListArray.from_arrays(
+        values.reshape(-1), type=pa.list_(single, feature.shape[0])
+    )

@@ -7,32 +7,27 @@ that the start state is reproducible on any machine.
 
 from __future__ import annotations
 
+import io
 import json
-import traceback
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import gymnasium as gym
-from hab_eval.records.config import EvalConfig
+import h5py
 from hab_eval.records.results import EpisodeResult
 from hab_eval.run import environments
-from hab_eval.run.agents import load_agent
-from hab_eval.run.runner import run_episode
-from mani_skill.utils.wrappers.record import RecordEpisode
 
 from hab_spa.cli import RecordCommand
-from hab_tasks.engine.rollout import Job
+from hab_spa.recording.frames import Seen
+from hab_spa.recording.plan import LEROBOT, NAME, RecordPlan, Views
+from hab_spa.recording.playing import TRAJECTORY, Played, played_episodes, until_enough
 from hab_tasks.envs import ENVS
-from hab_tasks.episodes import Episode, open_source
-from hab_tasks.errors import OptionError, RunStoppedError
 from hab_tasks.io.console import tell
 from hab_tasks.io.executors import ExecutorChoice
 from hab_tasks.io.files import check_file, check_folder, replace_folder, scratch_folder
-from hab_tasks.io.threads import use_one_thread
-from hab_tasks.option_values import MOST_WORKERS, whole
 from hab_tasks.registration import imported_id, reference_of
 
 EXIT_TOO_FEW = 1
@@ -40,43 +35,7 @@ EXIT_TOO_FEW = 1
 MOST_FOR_EACH = 10
 """Default maximum number of episodes per demonstration."""
 
-NAME = "trajectory"
-LEROBOT = "lerobot"
 LEROBOT_MARK = "meta/info.json"
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecordPlan:
-    """Options of a recording.
-
-    Attributes:
-        config: Agent, environment and episode set; `config.episodes` is the number of
-            demonstrations.
-        out: Output folder.
-        most: Maximum number of episodes.
-        lerobot: Also write a LeRobot dataset, to the folder `lerobot`.
-        force: Overwrite files in `out`.
-        workers: Number of workers on Ray.
-        executor: Where the episodes are played.
-    """
-
-    config: EvalConfig
-    out: Path
-    most: int
-    lerobot: bool = False
-    force: bool = False
-    workers: int = 1
-    executor: ExecutorChoice = field(default_factory=ExecutorChoice)
-
-    def __post_init__(self) -> None:
-        self.executor.check_executor()
-        whole("workers", self.workers, 1, MOST_WORKERS)
-        if self.workers > 1 and not self.executor.is_remote:
-            raise OptionError("--workers of a recording needs --executor ray.")
-        if self.most < self.config.episodes:
-            raise OptionError(
-                f"most must be at least count, {self.config.episodes}, got {self.most}."
-            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -104,10 +63,12 @@ def run(options: RecordCommand) -> int:
     """Records demonstrations and prints the result of each episode."""
     most = MOST_FOR_EACH * options.count if options.most is None else options.most
     plan = RecordPlan(
-        config=options.config_of(options.count),
+        config=options.config_of(options.count, instructions=options.instructions),
         out=options.out,
         most=most,
         lerobot=options.lerobot,
+        targets=options.targets,
+        views=_views(options),
         force=options.force,
         workers=options.workers,
         executor=ExecutorChoice(executor=options.executor, address=options.address),
@@ -126,6 +87,13 @@ def run(options: RecordCommand) -> int:
     return 0 if recorded.demonstrations == options.count else EXIT_TOO_FEW
 
 
+def _views(options: RecordCommand) -> Views | None:
+    if options.obs_mode is None:
+        return None
+    cameras = None if options.cameras is None else tuple(options.cameras.split(","))
+    return Views(obs_mode=options.obs_mode, cameras=cameras, size_px=options.camera_size)
+
+
 def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
     """Runs episodes until enough have succeeded, and writes their trajectories.
 
@@ -139,19 +107,23 @@ def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
     targets = _targets(plan)
     if plan.lerobot:
         # It needs pyarrow, which is optional; here it raises before the first episode.
-        from hab_spa.recording import lerobot_format
-    play = _play
-    if plan.executor.is_remote:
-        # It is built on this module.
-        from hab_spa.recording.distributed import play_distributed as play
+        from hab_spa.recording.lerobot_format import write_dataset
+    results = []
     with scratch_folder(plan.out) as scratch:
-        results = play(plan, scratch, on_episode)
-        solved = [result for result in results if result.success]
-        if not solved:
+        with (
+            played_episodes(plan, scratch) as played,
+            closing(_Writer(plan.config.env, scratch)) as writer,
+        ):
+            for one in until_enough(plan, played):
+                results.append(one.result)
+                on_episode(one.result)
+                writer.write(one)
+        if not writer.seen:
             targets = []
         elif plan.lerobot:
             robot = ENVS[imported_id(plan.config.env)].env.robot
-            lerobot_format.write_dataset(scratch / f"{NAME}.h5", scratch / LEROBOT, robot)
+            told = plan.targets == "positions"
+            write_dataset(scratch / f"{NAME}.h5", scratch / LEROBOT, robot, writer.seen, told)
         for target in targets:
             written = scratch / target.name
             if written.is_dir():
@@ -159,21 +131,11 @@ def record(plan: RecordPlan, on_episode: OnEpisode) -> Recorded:
             else:
                 written.replace(target)
     return Recorded(
-        demonstrations=len(solved),
+        demonstrations=len(writer.seen),
         episodes=len(results),
         failures=Counter(str(result.failure) for result in results if not result.success),
         files=tuple(targets),
     )
-
-
-def describe_task(env_id: str, episode: Episode) -> str:
-    """Returns the instruction of an episode, with the names of its objects."""
-    return ENVS[env_id].env.instruct(episode)
-
-
-def _numbered(env: gym.Env[Any, Any], job: Job) -> tuple[Any, dict[str, Any]]:
-    """Starts an episode by its index, which can be stored in a file and replayed."""
-    return env.reset(seed=job.episode.seed, options={"episode": job.index, "reconfigure": True})
 
 
 def _targets(plan: RecordPlan) -> list[Path]:
@@ -187,83 +149,39 @@ def _targets(plan: RecordPlan) -> list[Path]:
     return targets
 
 
-def _play(plan: RecordPlan, scratch: Path, on_episode: OnEpisode) -> list[EpisodeResult]:
-    """Runs the episodes; writes the two files of the successful ones to `scratch`."""
-    player = Player(plan, scratch)
-    try:
-        numbers = range(min(plan.most, player.source.available))
-        results = play_until(plan, map(player.play, numbers), on_episode)
-    finally:
-        player.close()
-    solved = [number for number, result in enumerate(results) if result.success]
-    annotate(scratch / f"{NAME}.json", plan.config.env, [player.source.get(n) for n in solved])
-    return results
+class _Writer:
+    """Writes ManiSkill's two files, and the images of episode N to the folder ``traj_N``.
 
+    Attributes:
+        seen: What was seen and told in the written episodes.
+    """
 
-class Player:
-    """Plays episodes by number; the successful ones are in the two files of `folder`."""
+    def __init__(self, env_id: str, folder: Path) -> None:
+        self._env_id, self._folder = env_id, folder
+        self._file = h5py.File(folder / f"{NAME}.h5", "w")
+        self._description: dict[str, Any] = {}
+        self.seen: list[Seen] = []
 
-    def __init__(self, plan: RecordPlan, folder: Path) -> None:
-        """Creates agent and environment."""
-        use_one_thread()  # as in an evaluation
-        config = plan.config
-        self._agent = load_agent(config.agent, environments.setup_of(config))
-        self.source = open_source(environments.request_of(config))
-        env: Any = environments.make_env(
-            config, self._agent.spec, split=self.source.split, render=False, num_episodes=plan.most
-        )
-        self._recorder = RecordEpisode(
-            env,
-            str(folder),
-            trajectory_name=NAME,
-            save_video=False,
-            save_on_reset=False,
-            source_desc=f"{self._agent.spec.name} ({config.agent}), recorded by hab-spa record",
-        )
-
-    def play(self, number: int) -> EpisodeResult:
-        """Plays an episode; keeps its trajectory if it succeeds.
-
-        Raises:
-            RunStoppedError: The agent or the environment raised.
-        """
-        episode, recorder = self.source.get(number), self._recorder
-        try:
-            result = run_episode(recorder, self._agent, number, episode, restart=_numbered).episode
-        except Exception as error:
-            raise RunStoppedError(
-                f"Episode {episode.id!r} stopped the recording: {type(error).__name__}: "
-                f"{str(error).rstrip('.')}. Nothing was written; --verbose shows the traceback.",
-                details=traceback.format_exc(),
-            ) from error
-        recorder.flush_trajectory(save=result.success)
-        return result
+    def write(self, played: Played) -> None:
+        """Appends a successful episode; ignores others."""
+        if played.seen is None:
+            return
+        name = f"traj_{len(self.seen)}"
+        with h5py.File(io.BytesIO(played.trajectory)) as source:
+            source.copy(TRAJECTORY, self._file, name)
+        (entry,) = played.description["episodes"]
+        self._description = self._description or {**played.description, "episodes": []}
+        self._description["episodes"].append({**entry, "episode_id": len(self.seen)})
+        self.seen.append(played.seen)
+        (self._folder / name).mkdir()
+        for file, content in played.images.items():
+            (self._folder / name / file).write_bytes(content)
 
     def close(self) -> None:
-        """Completes the files and frees the simulator."""
-        self._recorder.close()
-
-
-def play_until(
-    plan: RecordPlan, results: Iterable[EpisodeResult], on_episode: OnEpisode
-) -> list[EpisodeResult]:
-    """Returns the results, in order, up to the one that completes the demonstrations."""
-    found: list[EpisodeResult] = []
-    solved = 0
-    for result in results:
-        found.append(result)
-        on_episode(result)
-        solved += result.success
-        if solved == plan.config.episodes:
-            break
-    return found
-
-
-def annotate(file: Path, env_id: str, episodes: Sequence[Episode]) -> None:
-    """Adds the environment's module, and each episode's id and task, to ManiSkill's file."""
-    data = json.loads(file.read_text(encoding="utf-8"))
-    # With the module in the id, Gymnasium imports it itself.
-    data["env_info"]["env_id"] = reference_of(imported_id(env_id))
-    for entry, episode in zip(data["episodes"], episodes, strict=True):
-        entry |= {"episode": episode.id, "task": describe_task(env_id, episode)}
-    file.write_text(json.dumps(data, indent=2) + "\n", encoding="utf-8")
+        """Completes the files."""
+        self._file.close()
+        if self.seen:
+            # With the module in the id, Gymnasium imports it itself.
+            self._description["env_info"]["env_id"] = reference_of(imported_id(self._env_id))
+        text = json.dumps(self._description, indent=2) + "\n"
+        (self._folder / f"{NAME}.json").write_text(text, encoding="utf-8")

@@ -24,22 +24,21 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 from hab_ppo.commands import StudyCommand
-from hab_ppo.recipe import Distillation
 from hab_ppo.studies.engine import run_study
 from hab_ppo.studies.left_counter import DELAY
 from hab_ppo.studies.study import Budget
 
 budget = Budget(
     steps=160, labelled=(2, 60), training_episodes=4, evaluations=2, validation_episodes=2,
-    episodes=6,
+    episodes=4,
 )
-arms = []
-for arm in DELAY.arms[:2]:
-    recipe = replace(arm.recipe, preset=replace(arm.recipe.preset, rows=4, rollout_steps=20))
-    arms.append(replace(arm, recipe=recipe, budgets={"quick": budget}))
-taught = replace(arms[1].recipe, distill=Distillation(expert="pick_action"))
-arms.append(replace(arms[1], name="taught", recipe=taught))
-study = replace(DELAY, arms=tuple(arms))
+arm = DELAY.arms[0]
+recipe = replace(arm.recipe, preset=replace(arm.recipe.preset, rows=4, rollout_steps=20))
+taught = replace(
+    arm, recipe=recipe, budgets={"quick": budget}, conditions=arm.conditions[:1], name="taught"
+)
+untaught = replace(taught, name="untaught", recipe=replace(recipe, distill=None))
+study = replace(DELAY, arms=(untaught, taught))
 run_study(study, StudyCommand(study="f5", out=Path(sys.argv[1])))
 """
 
@@ -78,11 +77,6 @@ def test_a_killed_study_goes_on_to_the_same_tables(tmp_path):
     kill_when(killed, "work/*/exact.safetensors")
     kill_when(killed, "work/evaluations/*/episodes.jsonl")
     assert started(killed).wait() == 0
-    assert results(killed) == results(whole)
-    report = killed / "README.md"
-    before = report.stat().st_mtime_ns
-    assert started(killed).wait() == 0  # nothing is left to do
-    assert report.stat().st_mtime_ns > before
     assert results(killed) == results(whole)
 
 

@@ -13,6 +13,7 @@ BLIND = Recipe(
     env=EnvConfig(
         env="hab_tasks.skills.pick_left_counter:HabPickLeftCounter-v1", control_mode="ee"
     ),
+    distill=Distillation(expert="pick_action"),
 )
 
 DEPTH = replace(
@@ -29,15 +30,18 @@ DEPTH = replace(
 QUICK = Budget(
     steps=9_600, training_episodes=100, evaluations=2, validation_episodes=8, episodes=12
 )
-BLIND_BUDGETS = {"quick": QUICK, "full": Budget(steps=400_000, seeds=3)}
+BLIND_BUDGETS = {
+    "quick": replace(QUICK, steps=3_200, labelled=(2, 3_000)),
+    "full": Budget(steps=400_000, seeds=3),
+}
 DEPTH_BUDGETS = {
-    "quick": replace(QUICK, steps=800, labelled=(2, 800), evaluations=1),
+    "quick": replace(QUICK, steps=800, labelled=(2, 1_000), evaluations=1),
     "full": Budget(steps=40_000, labelled=(5, 10_000), evaluations=4),
 }
 
 PROTOCOL = (
     "Blind policies learn by PPO in the simplified Pick of S F.2 (left counter, five objects, "
-    "normal start noise)."
+    "normal start noise), after distillation of an expert if the budget has labelled steps."
 )
 
 FORCE_LIMITS_N = (1_000, 2_500, 5_000, 10_000)

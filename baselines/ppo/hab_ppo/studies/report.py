@@ -92,7 +92,10 @@ def _budgets(study: Study, scale: str) -> str:
         arms.setdefault(f"{', '.join(parts)}; {seeds}", []).append(arm.name)
     if len(arms) == 1:
         return f"Budget ({scale}): {next(iter(arms))}."
-    parts = [f"{', '.join(names)}: {budget}" for budget, names in arms.items()]
+    parts = [
+        f"{' to '.join(dict.fromkeys((names[0], names[-1])))}: {budget}"
+        for budget, names in arms.items()
+    ]
     return f"Budgets ({scale}): {'. '.join(parts)}."
 
 
@@ -111,7 +114,8 @@ def _table(results: Sequence[Result]) -> list[str]:
     scores = sorted({name for one in results for name in one.record.summary.scores})
     rows = _rows(results)
     first = next(iter(rows.values()))
-    head = ["policy", "solved", "success % [95 %]", "seeds %"]
+    several = any(len(row) > 1 for row in rows.values())
+    head = ["policy", "solved", "success % [95 %]", *["seeds %"] * several]
     head += [f"{name.upper()} %" for name in scores] + ["failures", "against the first row"]
     lines = [head, ["---"] * len(head)]
     for name, row in rows.items():
@@ -120,7 +124,7 @@ def _table(results: Sequence[Result]) -> list[str]:
         rates = [100 * one.estimate(one.measure).mean for one in row]
         line = [name, f"{successes} of {count}"]
         line += [f"{100 * successes / count:.1f} [{100 * low:.1f}, {100 * high:.1f}]"]
-        line += [", ".join(f"{rate:.1f}" for rate in rates) if len(row) > 1 else ""]
+        line += [", ".join(f"{rate:.1f}" for rate in rates)] * several
         line += [_score(row, score) for score in scores]
         line += [_failures(row), _against(first, row)]
         lines.append(line)
@@ -267,7 +271,7 @@ def _lines(axis: Axes, study: Study, results: Sequence[Result]) -> None:
             spread = np.abs(ends - mean)
         style = {"marker": MARKERS[number], "color": COLORS[number], "label": name}
         axis.errorbar(x, mean, spread, capsize=3, **style)  # pyright: ignore[reportArgumentType]
-    axis.set(xlabel=study.figure.label, ylabel=study.figure.measure, ylim=(0, 1))
+    axis.set(xlabel=study.figure.label, ylabel=_label(study), ylim=(0, 1))
     axis.set_xticks(sorted({one.condition.x for one in results}))
     axis.legend(fontsize=8, frameon=False)
 
@@ -280,4 +284,9 @@ def _bars(axis: Axes, study: Study, rows: dict[str, list[Result]]) -> None:
     places = np.arange(len(rows))[::-1]
     axis.barh(places, rates, xerr=np.abs(ends - rates), color=BLUE, alpha=0.8, capsize=3)
     axis.set_yticks(places, list(rows), fontsize=8)
-    axis.set(xlabel=study.figure.measure, xlim=(0, 1))
+    axis.set(xlabel=_label(study), xlim=(0, 1))
+
+
+def _label(study: Study) -> str:
+    measure = study.figure.measure
+    return measure if measure == "success" else measure.upper()

@@ -25,7 +25,7 @@ from hab_ppo.plan import BEST, CLONED, EXACT, TrainPlan
 from hab_ppo.progress import FILE, read_progress
 from hab_ppo.recipe import Recipe
 from hab_ppo.studies.report import Result, write_report
-from hab_ppo.studies.study import Arm, Condition, Study
+from hab_ppo.studies.study import Arm, Condition, Study, slug
 from hab_ppo.trainer import train_rank
 from hab_tasks.errors import FileError, OptionError
 from hab_tasks.io.console import tell
@@ -67,6 +67,7 @@ class Evaluation:
     name: str
     row: str
     config: EvalConfig
+    measure: str
     arm: Arm | None = None
     condition: Condition = field(default_factory=Condition)
     training: Path | None = None
@@ -117,6 +118,7 @@ def run_study(study: Study, options: StudyCommand) -> None:
                     row=one.row,
                     arm=one.arm,
                     condition=one.condition,
+                    measure=one.measure,
                     record=record,
                     entries=entries,
                 )
@@ -201,38 +203,41 @@ def evaluations_of(study: Study, scale: str, trainings: list[Training]) -> list[
     found: list[Evaluation] = []
     references: dict[str, Evaluation] = {}
     for arm in study.arms:
-        budget, env = arm.budgets[scale], arm.recipe.env
         for condition in arm.conditions:
-            base = EvalConfig(
-                agent="hab_ppo:policy",
-                env=env.env,
-                split=SPLIT,
-                seed=SEED,
-                episodes=budget.episodes,
-                skill_config={**env.skill_config, **condition.skill_config},
-                action_delay_steps=condition.delay_steps,
-            )
-            row = ", ".join(filter(None, (arm.name, condition.name)))
-            for seed in range(budget.seeds):
+            base = _configured(arm, condition, arm.budgets[scale].episodes)
+            for seed in range(arm.budgets[scale].seeds):
                 training = by_name[f"{arm.slug}_seed{seed}"].out
                 found.append(
                     Evaluation(
-                        name="_".join(filter(None, (training.name, condition.name))).replace(
-                            " ", "_"
-                        ),
-                        row=row,
+                        name="_".join(filter(None, (training.name, slug(condition.name)))),
+                        row=", ".join(filter(None, (arm.name, condition.name))),
                         config=replace(base, options={"weights": str(training / BEST)}),
+                        measure=arm.measure,
                         arm=arm,
                         condition=condition,
                         training=training,
                     )
                 )
             for name, agent in REFERENCES.items():
-                references.setdefault(env.env + name, _reference(name, agent, base, study))
+                references.setdefault(base.env + name, _reference(name, agent, base, arm, study))
     return [*found, *references.values()]
 
 
-def _reference(name: str, agent: str, base: EvalConfig, study: Study) -> Evaluation:
+def _configured(arm: Arm, condition: Condition, episodes: int) -> EvalConfig:
+    """Returns the evaluation of an arm's policies, without weights."""
+    env = arm.recipe.env
+    return EvalConfig(
+        agent="hab_ppo:policy",
+        env=env.env,
+        split=SPLIT,
+        seed=SEED,
+        episodes=episodes,
+        skill_config={**env.skill_config, **condition.skill_config},
+        action_delay_steps=condition.delay_steps,
+    )
+
+
+def _reference(name: str, agent: str, base: EvalConfig, arm: Arm, study: Study) -> Evaluation:
     """Returns the evaluation of a reference, in the skill's own conditions."""
     several = len({arm.recipe.env.env for arm in study.arms}) > 1
     env = base.env.rpartition(":")[2]
@@ -245,7 +250,7 @@ def _reference(name: str, agent: str, base: EvalConfig, study: Study) -> Evaluat
         action_delay_steps=0,
     )
     file = f"{env}_{name}" if several else name
-    return Evaluation(name=file.replace(" ", "_"), row=row, config=config)
+    return Evaluation(name=file.replace(" ", "_"), row=row, config=config, measure=arm.measure)
 
 
 def kept_evaluation(config: EvalConfig, out: Path, workers: int) -> RunRecord:

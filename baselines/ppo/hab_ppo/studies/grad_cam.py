@@ -228,7 +228,7 @@ def correlation(a: Tensor, b: Tensor) -> float:
     for one, other in zip(a.flatten(1).numpy(), b.flatten(1).numpy(), strict=True):
         if np.ptp(one) > 0 and np.ptp(other) > 0:
             ranks = [np.argsort(np.argsort(values, kind="stable")) for values in (one, other)]
-            found.append(np.corrcoef(np.stack(ranks))[0, 1])
+            found.append(np.asarray(np.corrcoef(np.stack(ranks)))[0, 1])
     return float(np.mean(found)) if found else 0.0
 
 

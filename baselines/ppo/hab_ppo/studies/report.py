@@ -32,6 +32,7 @@ class Result:
         row: Row of the table; its seeds have the same.
         arm: The arm; None for a reference.
         condition: How it was evaluated.
+        measure: ``success``, or the stage of a task that counts as success.
         record: The result.
         entries: Metrics of the training (`hab_ppo.progress`).
     """
@@ -39,13 +40,9 @@ class Result:
     row: str
     arm: Arm | None
     condition: Condition
+    measure: str
     record: RunRecord
     entries: Sequence[dict[str, Any]]
-
-    @property
-    def measure(self) -> str:
-        """``success``, or the stage that counts as success."""
-        return "success" if self.arm is None else self.arm.measure
 
     def estimate(self, measure: str) -> Estimate:
         """Returns the estimate of a measure: success, a score, or a stage."""
@@ -180,13 +177,14 @@ def _outcome(results: Sequence[Result]) -> str:
     ordered = sorted(rates, key=lambda name: rates[name][0] / rates[name][1])
     told = [f"{name}, {rates[name][0]} of {rates[name][1]}" for name in ordered]
     first = next(iter(rows))
-    likely = [
-        name
-        for name, row in rows.items()
-        if name != first and (_paired(rows[first], row)[1] or 1.0) < LIKELY
-    ]
-    differ = f"{len(likely)} of {len(rows) - 1} rows differ from {first} at p < {LIKELY:g}"
-    return f"most: {told[-1]}; fewest: {told[0]}; {differ} (McNemar, paired episodes)."
+    tests = [_paired(rows[first], row)[1] for name, row in rows.items() if name != first]
+    known = [p_value for p_value in tests if p_value is not None]
+    ends = f"most: {told[-1]}; fewest: {told[0]}"
+    if not known:
+        return f"{ends}."
+    likely = sum(p_value < LIKELY for p_value in known)
+    differ = f"{likely} of {len(known)} rows differ from {first} at p < {LIKELY:g}"
+    return f"{ends}; {differ} (McNemar, paired episodes)."
 
 
 # Figure --------------------------------------------------------------------------------------

@@ -89,7 +89,7 @@ def test_bad_input_is_one_line_before_the_work(tmp_path, capsys):
     (foreign / "notes.txt").write_text("mine")
     for words, message in (
         (["f7", "--out", "x"], "Unknown study 'f7'."),
-        (["f5", "--scale", "fulll", "--out", "x"], "Unknown scale 'fulll'. Did you mean 'full'?"),
+        (["f5", "--scale", "ful", "--out", "x"], "Unknown scale 'ful'. Did you mean 'full'?"),
         (["f5", "--out", str(out)], "holds the study f2 at scale quick, not f5 at scale quick"),
         (["f2", "--scale", "full", "--out", str(out)], "not f2 at scale full"),
         (["f5", "--out", str(foreign)], "contains files but no work/study.json"),

@@ -114,7 +114,8 @@ ACTIONS = Study(
     arms=tuple(
         Arm(
             name=mode,
-            recipe=replace(BLIND, env=replace(BLIND.env, control_mode=mode)),
+            # The expert's actions are those of the end-effector.
+            recipe=replace(BLIND, distill=None, env=replace(BLIND.env, control_mode=mode)),
             budgets={"quick": QUICK, "full": Budget(steps=1_000_000, seeds=3, evaluations=20)},
         )
         for mode in ("ee", "joint_delta")

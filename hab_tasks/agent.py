@@ -65,6 +65,8 @@ class AgentSpec:
         cameras: Names of the cameras in observations with images; None for the environment's.
         camera_size_px: Width and height of their images.
         camera_hfov_rad: Their horizontal field of view.
+        invisible_arm: The environment option `invisible_arm`.
+        proprioception: The environment option `proprioception`.
         rows: Maximum batch size of `act`. With more than one row, that many episodes run in
             parallel. The length of the mask passed to `reset` is the number of rows N <= `rows`;
             N is constant during a run.
@@ -84,6 +86,8 @@ class AgentSpec:
     cameras: tuple[str, ...] | None = None
     camera_size_px: int = CAMERA_SIZE_PX
     camera_hfov_rad: float = CAMERA_HFOV_RAD
+    invisible_arm: bool = False
+    proprioception: bool = True
     rows: int = 1
     files: tuple[str, ...] = ()
 

@@ -70,7 +70,8 @@ def state_entries(env: type[HabEnv], spec: AgentSpec) -> tuple[ObsEntry, ...]:
     """Returns the entries of the state observation, those of ``agent`` first."""
     options = spec.target_frame, spec.handle_position, spec.targets
     entries = observed(env.observation, env.handle, env.robot, *options)
-    return tuple(sorted(entries, key=lambda entry: not entry.proprioceptive))
+    kept = (entry for entry in entries if spec.proprioception or not entry.proprioceptive)
+    return tuple(sorted(kept, key=lambda entry: not entry.proprioceptive))
 
 
 def _state(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, Any]]:

@@ -37,6 +37,8 @@ HAND_TOO_NEAR = f"the hand starts within {HAND_CLEARANCE_M} m of its target"
 class StartNoise:
     """Start noise (S H.2), uniform in plus and minus its value, and search parameters.
 
+    `RobotStarts.around` takes the values as standard deviations.
+
     Attributes:
         base_m: Noise of the base's x and y.
         heading_rad: Noise of the base's heading.
@@ -165,6 +167,36 @@ class RobotStarts:
                 return self._start(base, arm)
             else:
                 reason = "handle out of reach"
+        raise RejectedSampleError(reason)
+
+    def around(self, point: Array, yaw_rad: float, target_m: Array) -> RobotStart:
+        """Returns a start around a base pose from which a point (3,) can be reached (S F.2).
+
+        The noise is normal; `StartNoise` has its standard deviations.
+
+        Args:
+            point: (2,) position of the base without noise.
+            yaw_rad: Heading without noise.
+            target_m: The point to be reached.
+
+        Raises:
+            RejectedSampleError: No pose was free and in reach.
+        """
+        noise, floor = self.noise, self._sandbox.floor()
+        reason = "no free floor around the base pose"
+        for _ in range(noise.candidates):
+            draw = self._rng.normal(size=6)
+            x, y = point + noise.base_m * draw[:2]
+            if floor.clearance_at(np.array([x, y])) < noise.clearance_m:
+                continue
+            base = (float(x), float(y), yaw_rad + noise.heading_rad * float(draw[2]))
+            arm = self._noisy_arm(draw[3:])
+            if arm is None or self._sandbox.robot_touches(base, arm, START_CLEARANCE_M):
+                reason = "robot too close to something at its start"
+            elif not self._hand_too_near(base, arm) and self.reaches(base, target_m):
+                return self._start(base, arm)
+            else:
+                reason = "target too near or out of reach"
         raise RejectedSampleError(reason)
 
     def anywhere(self, away_from_m: Array | None = None, distance_m: float = 0.0) -> RobotStart:

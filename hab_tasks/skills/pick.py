@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,10 +17,12 @@ from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
 from hab_tasks.episodes.placing import Placer
-from hab_tasks.episodes.robot_start import KeepOff
+from hab_tasks.episodes.robot_start import KeepOff, RobotStarts
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, Rearrangement
+from hab_tasks.episodes.schema import Episode, Rearrangement, RobotStart
+from hab_tasks.episodes.spots import Spot
 from hab_tasks.errors import RejectedSampleError
+from hab_tasks.geometry import Array
 from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 
@@ -28,12 +31,21 @@ CLUTTER = (2, 5)
 
 
 class PickStarts(Generator):
-    """A target and clutter on one of the six receptacles."""
+    """A target and clutter on one of the receptacles.
+
+    Attributes:
+        receptacles: Names of the receptacles.
+        clutter: Minimum and maximum number of clutter objects.
+    """
+
+    receptacles: ClassVar[tuple[str, ...]] = PICK_RECEPTACLES
+    clutter: ClassVar[tuple[int, int]] = CLUTTER
 
     def attempt(self, sandbox: PlacementSandbox, rng: np.random.Generator) -> Episode:
         """Returns one candidate."""
-        spot = self.draw_spot(sandbox, rng, self.objects.receptacles or PICK_RECEPTACLES)
-        handles = self.draw(rng, 1 + int(rng.integers(CLUTTER[0], CLUTTER[1] + 1)))
+        spot = self.draw_spot(sandbox, rng, self.objects.receptacles or self.receptacles)
+        least, most = self.clutter
+        handles = self.draw(rng, 1 + int(rng.integers(least, most + 1)))
         sandbox.show(handles)
         sandbox.open_joints(spot.joints)
         placer = Placer(sandbox, rng, self.settling)
@@ -46,8 +58,15 @@ class PickStarts(Generator):
         pose_scene(sandbox, objects, spot.joints)
         # Other objects count as well: grasping one first ends the episode.
         keep_off = KeepOff(points_m=sandbox.graspable_m())
-        robot = self.starts(sandbox, rng, keep_off).facing(sandbox.com_m(target))
+        starts = self.starts(sandbox, rng, keep_off)
+        robot = self.robot_start(starts, sandbox, spot, sandbox.com_m(target))
         return start_state(sandbox, robot, objects, (Rearrangement(object=target, start=spot.ref),))
+
+    def robot_start(
+        self, starts: RobotStarts, sandbox: PlacementSandbox, spot: Spot, target_m: Array
+    ) -> RobotStart:
+        """Returns the start of the robot for a target (3,) on a receptacle."""
+        return starts.facing(target_m)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -145,6 +145,9 @@ def spec_of(recipe: Recipe) -> AgentSpec:
         obs_mode=env.obs_mode,
         target_frame="ee" if env.target_frame == "ee" else "base",
         handle_position=env.handle_position,
+        cameras=env.cameras,
+        invisible_arm=env.invisible_arm,
+        proprioception=env.proprioception,
         rows=ROWS,
     )
 

@@ -6,7 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 
-from hab_ppo.commands import CardsCommand, DemonstrateCommand, EvalCommand, PlotCommand, ShipCommand
+from hab_ppo.commands import (
+    CardsCommand,
+    DemonstrateCommand,
+    EvalCommand,
+    PlotCommand,
+    ShipCommand,
+    StudyCommand,
+)
 from hab_ppo.extensions import extensions
 from hab_ppo.recipes import find_recipe, recipe_names
 from hab_ppo.train_command import TrainCommand
@@ -39,6 +46,7 @@ COMMANDS: dict[str, type[Command]] = {
     "demonstrate": DemonstrateCommand,
     "eval": EvalCommand,
     "plot": PlotCommand,
+    "study": StudyCommand,
     "list": ListCommand,
     "ship": ShipCommand,
     "cards": CardsCommand,

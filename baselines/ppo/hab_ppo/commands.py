@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, ClassVar
@@ -132,3 +133,37 @@ Example:
     """Folder of run.json files; that of the leaderboard if not given."""
     check: bool = False
     """Only report cards that are out of date, with exit status 1."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudyCommand(Command):
+    """Options of `hab-ppo study`."""
+
+    help: ClassVar[str] = """Repeats a study of the paper's supplement.
+
+Example:
+  hab-ppo study f5 --out runs/f5
+
+f1 sensors, f2 efficiency and force limit, f3 cameras, f4 saliency, f5 delay, f6 action spaces;
+fig26, fig27 and fig28 learning curves. Writes README.md with table and figure, and the result of
+every evaluation; the same command continues an interrupted study."""
+    work: ClassVar[str] = "hab_ppo.studies.registry:run"
+
+    study: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="NAME")]
+    """f1 to f6, fig26, fig27 or fig28."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """The study's folder."""
+    scale: Annotated[str, tyro.conf.arg(metavar="NAME")] = "quick"
+    """quick: a check of the study in minutes; full: up to six hours of two cores."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 2
+    """Number of trainings at a time, and of processes of an evaluation."""
+    verbose: bool = False
+    """Print the traceback of an error in an environment."""
+
+    def command(self) -> str:
+        """Returns the command of this study, without its folder."""
+        return shlex.join(["hab-ppo", "study", self.study, "--scale", self.scale])
+
+    def advice(self) -> str:
+        """Returns how to continue."""
+        return f"The work so far is kept in {self.out}; the same command continues it."

@@ -36,6 +36,11 @@ class EnvConfig:
         obs_mode: ``state_dict`` for a blind policy; ``depth``, ``rgb`` or ``rgb+depth``.
         target_frame: Frame of the observed target, ``base`` or ``ee``.
         handle_position: Whether the handle of a door or drawer is observed.
+        proprioception: Whether proprioception is observed.
+        cameras: Names of the observed cameras; None for the environment's.
+        invisible_arm: Whether the cameras do not show the arm.
+        skill_config: Reward weights and thresholds of the training, name -> number.
+        action_delay_steps: Delay of the actions in training.
         action_repeat: Number of environment steps for which each action of the policy is executed;
             the policy observes the last of them. Steps of a run are actions of the policy.
         scene_dataset: ``apartment``, or the path of a ReplicaCAD folder.
@@ -51,6 +56,11 @@ class EnvConfig:
     obs_mode: str = "state_dict"
     target_frame: str = "base"
     handle_position: bool = False
+    proprioception: bool = True
+    cameras: tuple[str, ...] | None = None
+    invisible_arm: bool = False
+    skill_config: dict[str, float] = field(default_factory=dict)
+    action_delay_steps: int = 0
     action_repeat: int = 1
     scene_dataset: str = "apartment"
     objects: str | None = None

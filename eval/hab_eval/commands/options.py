@@ -88,6 +88,7 @@ class EpisodeOptions:
         *,
         isolated: bool = False,
         instructions: str = "fixed",
+        action_delay_steps: int = 0,
     ) -> EvalConfig:
         """Returns the evaluation's configuration.
 
@@ -96,6 +97,7 @@ class EpisodeOptions:
             step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
             isolated: Whether the agent runs in processes of its own.
             instructions: Wording of the instructions, ``fixed`` or ``varied``.
+            action_delay_steps: Delay of the actions.
 
         Raises:
             HabError: An agent option is not NAME=VALUE, or a value is out of range.
@@ -111,6 +113,7 @@ class EpisodeOptions:
             novel=self.novel,
             options=parse_options(self.option),
             skill_config=parse_numbers(self.skill_config),
+            action_delay_steps=action_delay_steps,
             step_timeout_s=step_timeout_s,
             isolated=isolated,
             instructions=instructions,
@@ -143,6 +146,8 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     episodes; the leaderboard says so. Outcomes stay the same."""
     instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
     """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
+    action_delay: Annotated[int, tyro.conf.arg(metavar="STEPS")] = 0
+    """Delay of the actions in steps (S F.5)."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0

@@ -61,6 +61,7 @@ def run_one(options: RunCommand) -> int:
         options.step_timeout,
         isolated=options.isolated,
         instructions=options.instructions,
+        action_delay_steps=options.action_delay,
     )
     record = evaluate(config, run_options, reporter)
     show(result_table(record))

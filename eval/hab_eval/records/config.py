@@ -41,6 +41,7 @@ class EvalConfig:
         options: Agent options, name -> value; absent in older files.
         skill_config: Reward weights and thresholds that replace the skills' defaults,
             name -> number; absent in older files.
+        action_delay_steps: Delay of the actions (S F.5); absent in older files.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent runs in processes of its own; absent in older files.
         instructions: Wording of the instructions, ``fixed`` or ``varied``.
@@ -56,6 +57,7 @@ class EvalConfig:
     novel: str | None = None
     options: dict[str, str] = field(default_factory=dict)
     skill_config: dict[str, float] = field(default_factory=dict)
+    action_delay_steps: int = 0
     step_timeout_s: float | None = None
     isolated: bool = False
     instructions: str = "fixed"

@@ -211,6 +211,7 @@ def group_title(record: RunRecord) -> str:
     parts += ["perfect base control"] if record.control_mode.endswith("_pose") else []
     rules = [f"{name}={value:g}" for name, value in sorted(record.skill_config.items())]
     parts += [f"changed rules: {', '.join(rules)}"] if rules else []
+    parts += [f"actions {record.action_delay_steps} steps late"] * bool(record.action_delay_steps)
     return ", ".join(parts)
 
 
@@ -303,6 +304,8 @@ def variants_of(record: RunRecord) -> list[str]:
         options.append(f"camera_size_px={record.camera_size_px}")
     if record.camera_hfov_rad != CAMERA_HFOV_RAD:
         options.append(f"camera_hfov_rad={record.camera_hfov_rad:g}")
+    options += ["invisible_arm"] * record.invisible_arm
+    options += ["proprioception=False"] * (not record.proprioception)
     options += [f"{name}={short_name(value)}" for name, value in record.options.items()]
     return options + [f"{name}={value:g}" for name, value in record.skill_config.items()]
 
@@ -350,6 +353,8 @@ def command_of(record: RunRecord) -> str:
         words += ["--option", f"{name}={value}"]
     for name, number in record.skill_config.items():
         words += ["--skill-config", f"{name}={number!r}"]
+    if record.action_delay_steps:
+        words += ["--action-delay", str(record.action_delay_steps)]
     if record.step_timeout_s is not None:
         words += ["--step-timeout", f"{record.step_timeout_s:g}"]
     words += ["--isolated"] * record.isolated

@@ -31,7 +31,8 @@ from hab_tasks.typed_values import Count, Name, Seconds, to_json
 SCHEMA_VERSION = 1
 SPEC_FIELDS = (
     *("privileged", "control_mode", "obs_mode", "target_frame", "handle_position", "targets"),
-    *("instruction", "cameras", "camera_size_px", "camera_hfov_rad"),
+    *("instruction", "cameras", "camera_size_px", "camera_hfov_rad", "invisible_arm"),
+    "proprioception",
 )
 """Fields of an agent's spec that its record has, too."""
 
@@ -136,6 +137,8 @@ class RunRecord:
         cameras: Names of the observed cameras; None for the environment's.
         camera_size_px: Width and height of their images.
         camera_hfov_rad: Their horizontal field of view.
+        invisible_arm: Whether they did not show the arm.
+        proprioception: Whether the agent observed proprioception.
         env: Environment id.
         scene_dataset: Name of the scene dataset.
         objects: Name of the object folder, None for the shipped objects.
@@ -143,6 +146,7 @@ class RunRecord:
         seed: Seed of the episode set and of the agent.
         options: Agent options; absent in older files.
         skill_config: Reward weights and thresholds that replace the skills' defaults.
+        action_delay_steps: Delay of the actions.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent ran in processes of its own, without an environment.
         instructions: Wording of the instructions, ``fixed`` or ``varied``.
@@ -170,6 +174,8 @@ class RunRecord:
     cameras: tuple[str, ...] | None = None
     camera_size_px: int = CAMERA_SIZE_PX
     camera_hfov_rad: float = CAMERA_HFOV_RAD
+    invisible_arm: bool = False
+    proprioception: bool = True
     env: Name
     scene_dataset: Name
     objects: str | None
@@ -177,6 +183,7 @@ class RunRecord:
     seed: Count
     options: dict[str, str] = field(default_factory=dict)
     skill_config: dict[str, float] = field(default_factory=dict)
+    action_delay_steps: int = 0
     step_timeout_s: float | None = None
     isolated: bool = False
     instructions: str = "fixed"

@@ -202,6 +202,7 @@ def make_record(
         seed=config.seed,
         options=config.options,
         skill_config=config.skill_config,
+        action_delay_steps=config.action_delay_steps,
         step_timeout_s=config.step_timeout_s,
         isolated=config.isolated,
         instructions=config.instructions,

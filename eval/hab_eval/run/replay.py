@@ -93,6 +93,7 @@ class Replay:
             novel=novel or None,
             options={**record.options, **self.options},
             skill_config=record.skill_config,
+            action_delay_steps=record.action_delay_steps,
             step_timeout_s=record.step_timeout_s,
             isolated=record.isolated,
             instructions=record.instructions,

@@ -42,7 +42,7 @@ from hab_eval.run.time_limit import (
 from hab_tasks.agent import Agent, AgentSpec
 from hab_tasks.engine.rollout import Job, Outcome
 from hab_tasks.errors import HabError, RunStoppedError
-from hab_tasks.io.pool import Worker, end_all, received_file, start_server
+from hab_tasks.io.pool import CLEAN_UP_S, Worker, end_all, received_file, start_server
 
 
 class _Worker(Worker):
@@ -213,7 +213,7 @@ def run_batched(
         remote = _RemoteRows(workers, shares, watched=plan.videos > 0 or plan.motions)
         yield from play(agent, remote, iter(jobs))
     finally:
-        end_all([process for worker in workers for process in worker.processes])
+        end_all([process for worker in workers for process in worker.processes], CLEAN_UP_S)
 
 
 def run_parallel(
@@ -244,7 +244,7 @@ def run_parallel(
                 workers[number].give(job)
                 yield finished
     finally:
-        end_all([process for worker in workers for process in worker.processes])
+        end_all([process for worker in workers for process in worker.processes], CLEAN_UP_S)
 
 
 def _start_player(plan: RolloutPlan) -> _Worker:

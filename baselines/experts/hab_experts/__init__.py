@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 
 from hab_experts.door import door_motion
 from hab_experts.drawer import drawer_motion
+from hab_experts.follower import ShortestPathFollower
 from hab_experts.pick import pick_motion
 from hab_experts.place import place_motion
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.episodes import Episode
-from hab_tasks.world.navigation import ShortestPathFollower
 
 SKILLS = {
     "pick_action": ("pick",),

@@ -31,9 +31,9 @@ from hab_ppo.network import Policy
 from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation, EnvConfig, RecipeError
-from hab_ppo.rows import Student
+from hab_ppo.rows import Student, VectorRows
 from hab_tasks.agent_spaces import agent_setup
-from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, VectorRows, play
+from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, play
 from hab_tasks.envs import ENVS
 from hab_tasks.io.threads import compute_threads
 from hab_tasks.registration import imported_id

@@ -1,6 +1,5 @@
 """Navigation: maps of the free floor, geodesic distances, paths, base poses for reaching."""
 
-from hab_tasks.world.navigation.follower import ShortestPathFollower
 from hab_tasks.world.navigation.navigation_map import GeodesicDistances, LayoutMaps, NavigationMap
 from hab_tasks.world.navigation.paths import path_between, poses_reaching
 
@@ -8,7 +7,6 @@ __all__ = [
     "GeodesicDistances",
     "LayoutMaps",
     "NavigationMap",
-    "ShortestPathFollower",
     "path_between",
     "poses_reaching",
 ]

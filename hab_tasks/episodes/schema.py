@@ -12,8 +12,7 @@ import json
 import math
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -22,7 +21,7 @@ import numpy as np
 
 from hab_tasks import option_values
 from hab_tasks.episodes.provenance import MadeFrom
-from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.errors import EpisodeError, OptionError
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.io.files import written_aside
 from hab_tasks.robots import DEFAULT_ROBOT
@@ -61,19 +60,6 @@ def load_json(file: Path) -> Any:
         raise EpisodeError(f"{file}: not a valid episode file (nested too deeply).") from error
     except (OSError, EOFError, ValueError, zlib.error) as error:
         raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
-
-
-@contextmanager
-def naming(where: str, name: str) -> Iterator[None]:
-    """Adds episode and field to errors about missing, malformed or unknown values."""
-    try:
-        yield
-    except KeyError as error:
-        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
-    except UnknownNameError as error:
-        raise EpisodeError(f"{where}, field {name}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
 
 
 SCHEMA = 4

@@ -39,11 +39,12 @@ from typing import Any
 import numpy as np
 
 from hab_authoring.habitat.entry import OWN_KEY, START, HabitatEntries
+from hab_authoring.habitat.fields import naming
 from hab_tasks.episodes.generators.base import pose_scene
 from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
 from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, RobotStart, load_json, naming
+from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, RobotStart, load_json
 from hab_tasks.errors import EpisodeError, GenerationError, RejectedSampleError
 from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics

@@ -16,6 +16,7 @@ from hab_authoring.habitat.fields import (
     body_of,
     close,
     habitat_handles,
+    naming,
     object_frame,
     ordered_like,
     plain_name,
@@ -29,7 +30,6 @@ from hab_tasks.episodes.schema import (
     Rearrangement,
     ReceptacleRef,
     RobotStart,
-    naming,
     template_of,
     with_loose,
 )

@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from hab_tasks.episodes.generators import Made
+from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.schema import EpisodeRequest, EpisodeSet
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource, Progress, open_source
 from hab_tasks.errors import FileError, WorkerError, reported

@@ -66,22 +66,15 @@ def made_from(
     )
 
 
-def check_made_from(
-    where: str, name: str, given: MadeFrom, dataset: SceneDataset, now: MadeFrom
-) -> None:
-    """Rejects episodes of another dataset or with other objects; warns if these have changed.
+def check_made_from(where: str, name: str, given: MadeFrom, now: MadeFrom) -> None:
+    """Rejects episodes with other objects; warns if objects or scene dataset have changed.
 
     `where` is the source of the episodes for messages, `name` their scene dataset and `given` their
-    provenance; `now` is that of episodes generated with `dataset`.
+    provenance; `now` is that of episodes generated with the same dataset.
 
     Raises:
-        EpisodeError: The scene dataset has another name, or the objects are of another kind.
+        EpisodeError: The objects are of another kind.
     """
-    if name != dataset.name:
-        raise EpisodeError(
-            f"{where}: made for the scene dataset {name}, and this one is {dataset.name}. Give the "
-            f"folder of {name} as scene dataset (--scene-dataset, scene_dataset=)."
-        )
     if given.objects != now.objects:
         wanted = "the path of the YCB folder" if given.objects == YCB else "nothing"
         raise EpisodeError(

@@ -20,8 +20,7 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.io.cache import cached_file
-from hab_tasks.world.scenes.mesh_checks import check_mesh
-from hab_tasks.world.scenes.meshes import content_key
+from hab_tasks.world.scenes.meshes import check_mesh, content_key
 
 TRIANGLES_PER_LINK = 500
 _PALETTE_STEPS = 4

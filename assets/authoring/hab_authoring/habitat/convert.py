@@ -106,7 +106,7 @@ def read_habitat(
     with naming(str(file), OWN_KEY):
         if "made_from" in own:
             stated = read_value(MadeFrom, own["made_from"], f"{where}: made_from", EpisodeError)
-            check_made_from(str(file), dataset.name, stated, dataset, origin)
+            check_made_from(str(file), dataset.name, stated, origin)
             origin = stated
         return EpisodeSet(
             env=str(parsed["env"]),
@@ -139,13 +139,9 @@ def to_habitat(
         DatasetError: The dataset is damaged.
     """
     now = made_from(dataset, objects)
-    check_made_from(
-        f"{episodes.env}, split {episodes.split}, seed {episodes.seed}",
-        episodes.scene_dataset,
-        episodes.made_from,
-        dataset,
-        now,
-    )
+    where = f"{episodes.env}, split {episodes.split}, seed {episodes.seed}"
+    dataset.check_made_for(episodes.scene_dataset, where)
+    check_made_from(where, dataset.name, episodes.made_from, now)
     translate = HabitatEntries(dataset, objects)
     entries = []
     for episode in episodes.episodes:

@@ -236,11 +236,8 @@ class HabitatEntries:
         with naming(where, "scene_dataset_config"):
             file = Path(entry.get("scene_dataset_config", "default")).name
             name = file.removesuffix(".scene_dataset_config.json")
-        if name not in (file, self._dataset.name):
-            raise EpisodeError(
-                f"{where}, field scene_dataset_config: made for the scene dataset {name}, not for "
-                f"{self._dataset.name}. Give its folder with --scene-dataset."
-            )
+        if name != file:
+            self._dataset.check_made_for(name, f"{where}, field scene_dataset_config")
 
     def _objects(self, listed: Iterable[Any], where: str) -> dict[str, Pose7]:
         counts: Counter[str] = Counter()

@@ -21,13 +21,15 @@ from hab_tasks.episodes.generators import base
 from hab_tasks.episodes.generators.base import Made, Objects
 from hab_tasks.episodes.generators.rearrange import Rearrange
 from hab_tasks.episodes.made_files import SharedEpisodes
-from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.schema import (
     SCHEMA,
     Episode,
     EpisodeRequest,
     EpisodeSet,
+    check_made_from,
+    made_from,
     read_episodes,
+    stable_hash,
     write_episodes,
 )
 from hab_tasks.errors import EpisodeError, FileError, UnknownNameError

@@ -41,10 +41,18 @@ import numpy as np
 from hab_authoring.habitat.entry import OWN_KEY, START, HabitatEntries
 from hab_authoring.habitat.fields import naming
 from hab_tasks.episodes.generators.base import pose_scene
-from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
 from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, RobotStart, load_json
+from hab_tasks.episodes.schema import (
+    Episode,
+    EpisodeSet,
+    MadeFrom,
+    Pose,
+    RobotStart,
+    check_made_from,
+    load_json,
+    made_from,
+)
 from hab_tasks.errors import EpisodeError, GenerationError, RejectedSampleError
 from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics

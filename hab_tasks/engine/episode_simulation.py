@@ -34,8 +34,7 @@ from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import LayoutMaps
 from hab_tasks.world.scenes.build import LayoutLights
-from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.pool import BodyPool, SceneBodies
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows
@@ -163,12 +162,13 @@ class EpisodeSimulation:
     def _show(self) -> None:
         """Activates layout and objects of the chosen episode, unless already active."""
         layout, objects = self.episode.scene_id, tuple(sorted(self.episode.objects))
+        wanted = ActiveLayout(layout, objects)
+        if self._shown == wanted:
+            return
         if self._shown is not None:
-            if self._shown.is_of(layout, objects):
-                return
             # A grasp is a constraint with a body, which leaves the scene with its layout.
             self.grasp.reset()
-        self._shown, self._loose = ActiveLayout(layout, objects), {}
+        self._shown, self._loose = wanted, {}
         spec = self.source.scene(layout)
         self.scene_bodies = self._pool.show(spec, objects)
         if self._lights is not None:

@@ -25,7 +25,7 @@ from hab_ppo.actions import ActionNoise
 from hab_ppo.agent import WEIGHTS, LoadedPolicy, load_policy, weights_file
 from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.cloning import Fit, clone
-from hab_ppo.distributed import Ranks
+from hab_ppo.distributed import Ranks, compute_threads
 from hab_ppo.examples import Examples, compact
 from hab_ppo.network import Policy
 from hab_ppo.observation import Observation
@@ -35,7 +35,6 @@ from hab_ppo.rows import Student, VectorRows
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, play
 from hab_tasks.envs import ENVS
-from hab_tasks.io.threads import compute_threads
 from hab_tasks.registration import imported_id
 
 

@@ -189,13 +189,7 @@ def decimate_textured(mesh: Any, triangles: int) -> Any:
     if len(mesh.faces) <= triangles:
         return mesh
     welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    corners_m: Any = welded.vertices.astype(np.float32)
-    simplified = fast_simplification.simplify(
-        corners_m,
-        welded.faces.astype(np.int32),
-        target_reduction=1.0 - triangles / len(welded.faces),
-    )
-    points, faces = simplified[:2]
+    points, faces = simplified(welded, triangles / len(welded.faces))
     vertices, uv = np.asarray(mesh.vertices), np.asarray(mesh.visual.uv)
     charts = _charts(np.asarray(mesh.faces), len(vertices))
     _, nearest_face = KDTree(vertices[mesh.faces].mean(axis=1)).query(points[faces].mean(axis=1))
@@ -208,6 +202,13 @@ def decimate_textured(mesh: Any, triangles: int) -> Any:
     light.vertex_normals = smooth
     light.visual = TextureVisuals(uv=uv[nearest], material=mesh.visual.material)
     return light
+
+
+def simplified(mesh: trimesh.Trimesh, share: float) -> tuple[Any, Any]:
+    """Returns the corners and faces of a welded mesh with about this share of its faces."""
+    points: Any = mesh.vertices.astype(np.float32)
+    faces = mesh.faces.astype(np.int32)
+    return fast_simplification.simplify(points, faces, target_reduction=1.0 - share)[:2]
 
 
 def fill_background(image: Image.Image, mesh: Any) -> Image.Image:

@@ -49,6 +49,7 @@ class EpisodeSimulation:
         robot: The robot.
         requirements: Requirements of the skill or task.
         source: Source of the episodes.
+        sampler: Samples the episodes.
         maps: Navigation maps of the layouts.
         scene_bodies: Bodies of the active layout.
         truth: Reads the privileged state of the active layout.
@@ -95,7 +96,7 @@ class EpisodeSimulation:
         for episode in source.given:
             check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
-        self._sampler = EpisodeSampler(source, num_episodes)
+        self.sampler = EpisodeSampler(source, num_episodes)
         self._delay_steps = whole("action_delay_steps", delay_steps, 0, LONGEST_STEPS, "steps")
         self.delay: ActionDelay | None = None
         known = SensorNoise.of(noise)
@@ -106,12 +107,7 @@ class EpisodeSimulation:
     @property
     def episode(self) -> Episode:
         """The current episode."""
-        return self._sampler.episode
-
-    @property
-    def seed(self) -> int:
-        """Seed of the episode; resetting with it reproduces the episode."""
-        return self._sampler.seed
+        return self.sampler.episode
 
     @property
     def shown(self) -> ActiveLayout | None:
@@ -128,10 +124,6 @@ class EpisodeSimulation:
         """The goals of the episode, a batch of one."""
         return of_row(self.rows.goals, self.row)
 
-    def draw_from(self, first: int) -> None:
-        """Draws further episodes from the `first` of them."""
-        self._sampler.draw_from(first)
-
     @property
     def ee_step_m(self) -> float:
         """Maximum displacement of the end-effector per action."""
@@ -143,7 +135,7 @@ class EpisodeSimulation:
         """Chooses the next episode; returns whether nothing has been built yet."""
         if isinstance(wanted, Episode):
             check_entries(wanted, self.robot, self.requirements)
-        self._sampler.choose(seed, wanted)
+        self.sampler.choose(seed, wanted)
         return self._shown is None
 
     def build(self, scene: ManiSkillScene, agent: MobileManipulator, lit: bool) -> None:

@@ -211,7 +211,7 @@ class HabEnv(ObservingEnv):
 
     def draw_from(self, first: int) -> None:
         """Draws further episodes from the `first` of its `num_episodes`, which may still grow."""
-        self._simulation.draw_from(first)
+        self._simulation.sampler.draw_from(first)
 
     @property
     def rows(self) -> Rows:
@@ -282,7 +282,7 @@ class HabEnv(ObservingEnv):
         obs, info = super().reset(seed=seed, options=options)
         if seed is None:
             # ManiSkill's recorder stores this; the seed that it drew would give another episode.
-            self._episode_seed[:] = simulation.seed
+            self._episode_seed[:] = simulation.sampler.seed
         # Recorders read from this whether the entries of the state changed.
         info["reconfigure"] = info["reconfigure"] or simulation.shown is not before
         if restored:

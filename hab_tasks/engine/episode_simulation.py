@@ -51,6 +51,7 @@ class EpisodeSimulation:
         source: Source of the episodes.
         sampler: Samples the episodes.
         maps: Navigation maps of the layouts.
+        shown: Layout and objects in the simulation; a new instance after every change.
         scene_bodies: Bodies of the active layout.
         truth: Reads the privileged state of the active layout.
         grasp: What the robot holds.
@@ -101,18 +102,13 @@ class EpisodeSimulation:
         self.delay: ActionDelay | None = None
         known = SensorNoise.of(noise)
         self.noise = None if known is None else NoiseSource(known)
-        self._shown: ActiveLayout | None = None
+        self.shown: ActiveLayout | None = None
         self._loose: dict[str, Pose7] = {}
 
     @property
     def episode(self) -> Episode:
         """The current episode."""
         return self.sampler.episode
-
-    @property
-    def shown(self) -> ActiveLayout | None:
-        """Layout and objects in the simulation; a new instance after every change."""
-        return self._shown
 
     @property
     def snapshot(self) -> Snapshot:
@@ -136,7 +132,7 @@ class EpisodeSimulation:
         if isinstance(wanted, Episode):
             check_entries(wanted, self.robot, self.requirements)
         self.sampler.choose(seed, wanted)
-        return self._shown is None
+        return self.shown is None
 
     def build(self, scene: ManiSkillScene, agent: MobileManipulator, lit: bool) -> None:
         """Builds a new simulation in the layout of the chosen episode, with lamps if `lit`."""
@@ -148,19 +144,19 @@ class EpisodeSimulation:
             for scene_id in self.source.scene_ids():
                 # Shown once, so that its furniture is built; the pool keeps it.
                 self._pool.show(self.source.scene(scene_id), ())
-        self._shown = None
+        self.shown = None
         self._show()
 
     def _show(self) -> None:
         """Activates layout and objects of the chosen episode, unless already active."""
         layout, objects = self.episode.scene_id, tuple(sorted(self.episode.objects))
         wanted = ActiveLayout(layout, objects)
-        if self._shown == wanted:
+        if self.shown == wanted:
             return
-        if self._shown is not None:
+        if self.shown is not None:
             # A grasp is a constraint with a body, which leaves the scene with its layout.
             self.grasp.reset()
-        self._shown, self._loose = wanted, {}
+        self.shown, self._loose = wanted, {}
         spec = self.source.scene(layout)
         self.scene_bodies = self._pool.show(spec, objects)
         if self._lights is not None:

@@ -161,6 +161,7 @@ def _textures(image: RayImage, camera: Pinhole, wanted: CameraObsTextures) -> di
     if wanted.depth:
         arrays["depth"] = _whole(depth_mm)[:, :, None]
     if wanted.position:
+        # Rays go through the centres of the pixels.
         columns = (np.arange(camera.width_px) + 0.5 - camera.centre_px[0]) / camera.focal_px[0]
         rows = (camera.centre_px[1] - np.arange(camera.height_px) - 0.5) / camera.focal_px[1]
         x, y = depth_mm * columns[None], depth_mm * rows[:, None]

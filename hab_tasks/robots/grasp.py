@@ -91,6 +91,7 @@ class SnapGrasp:
 
     def command(self, gripper: float) -> None:
         """Executes the gripper action: >= 0 grasps if the hand is empty, < 0 releases."""
+        # What slipped out is grasped again at once, as long as the action still grasps.
         self.lost = False
         if (gripper >= 0) != self.holding:
             if self.holding:
@@ -140,6 +141,7 @@ class SnapGrasp:
         for index, side_m in self._leaving_m.items():
             leaving_m[0, index] = side_m
         pose = torch.from_numpy(np.concatenate((self._ee_from_object.p, self._ee_from_object.q)))
+        # Of an empty hand, the last pose is left out: equal situations have equal states.
         object_held, handle_held = self.held != NOTHING, self.held_handle != NOTHING
         return {
             "held": torch.tensor([self.held]),
@@ -258,7 +260,7 @@ class SnapGrasp:
         ee_m = self.ee_position_m()
         for index, side_m in list(self._leaving_m.items()):
             body, com = self._bodies[index]
-            if index == self.held:
+            if index == self.held:  # grasped again before it was clear of the hand
                 del self._leaving_m[index]
             elif np.linalg.norm((body.entity_pose * com).p - ee_m) >= side_m:
                 del self._leaving_m[index]

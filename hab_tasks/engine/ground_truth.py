@@ -136,7 +136,7 @@ class GroundTruth:
         return ArticulationState(
             kind=kind,
             body=f"{handle.furniture_name}/{handle.link.name}",
-            handle_m=handle.pose().p.astype(float),
+            handle_m=np.asarray(handle.pose().p, dtype=float),
             held=self._grasp.held_handle == index,
             joint=handle.joint(),
             limits=handle.limits,

@@ -65,6 +65,8 @@ class EpisodeSource:
         saved: Number of episodes of the set in the cache.
     """
 
+    _make_generator: Callable[..., base.Generator]
+
     def __init__(self, request: EpisodeRequest, folder: Path | None = None) -> None:
         """Reads the data and episodes of a request; processes share new ones in `folder`."""
         if request.novel not in (None, *NOVELTIES):
@@ -72,8 +74,7 @@ class EpisodeSource:
         self.env_id = imported_id(request.env_id)
         task = TASKS.get(self.env_id)
         starts = Rearrange if task else class_of(self.env_id).skill.starts
-        make: Callable[..., base.Generator] = partial(Rearrange, task) if task else starts
-        self._make_generator = make
+        self._make_generator = partial(Rearrange, task) if task else starts
         self.file = None if request.file is None else Path(request.file)
         given = None if self.file is None else read_episodes(self.file, self.env_id)
         self.dataset, self.scene_id = resolve_dataset(request.scene_dataset), request.scene

@@ -13,15 +13,17 @@ from hab_spa.motion.follow import FollowConfig
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.joint_goal import GoalConfig
+from hab_spa.scenes.seen_fridge import SeenFridge
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import close_drawer, open_drawer
+from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
-from hab_spa.skills.look import LookConfig, look_around, look_closer
+from hab_spa.skills.look import LookConfig, look_around, look_at, look_closer
 from hab_spa.skills.pick import pick
 from hab_spa.skills.place import place
 from hab_tasks.agent import AgentSetup, AgentSpec
-from hab_tasks.articulations import FRIDGE
+from hab_tasks.articulations import FRIDGE, Rectangle
 
 EMPTY_HANDED = DriveConfig(turn_first_rad=0.5, turn_share=1.0, waypoint_m=0.05)
 """Driving without a held object: full turning speed."""
@@ -99,10 +101,39 @@ def place_seen(robot: Robot, number: int) -> Motion:
     return (yield from _with_retries(robot, place, number))
 
 
-def _with_retries(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
+def open_fridge_seen(robot: Robot, number: int) -> Motion:
+    """Finds the fridge, then opens it."""
+    return (yield from _fridge_seen(robot, number, open_fridge, FRIDGE.opening_region))
+
+
+def close_fridge_seen(robot: Robot, number: int) -> Motion:
+    """Finds the fridge and how far it is open, then closes it."""
+    return (yield from _fridge_seen(robot, number, close_fridge, FRIDGE.closing_region))
+
+
+def _fridge_seen(
+    robot: Robot, number: int, skill: Callable[..., Motion], region: Rectangle
+) -> Motion:
+    scene = robot.scene
+    assert isinstance(scene, SeenFridge)
+    opened = skill is close_fridge
+    if not scene.find(opened):
+        yield from look_at(robot, scene.object_m(0))
+        if not scene.find(opened):
+            return Failure.TARGET_PLAN
+    # How far a door is open is known to a few hundredths of a radian.
+    config = FridgeConfig(slack_rad=0.05, open_to=1.88, opened=1.68, let_go=1.78)
+    return (
+        yield from _with_retries(robot, lambda r, n: skill(r, n, region, config), number, risk=1)
+    )
+
+
+def _with_retries(
+    robot: Robot, skill: Callable[[Robot, int], Motion], number: int, risk: int = 0
+) -> Motion:
     """Retries a skill when execution fails, and at a higher risk level when planning fails."""
     scene = _scene(robot)
-    scene.risk_level = 0
+    scene.risk_level = risk
     failure: Failure | None = None
     for _ in range(ATTEMPTS):
         failure = yield from skill(robot, number)
@@ -123,6 +154,8 @@ def _scene(robot: Robot) -> SeenScene:
 SEEN_SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick_seen(robot, 0),
     "HabPlace-v1": lambda robot: place_seen(robot, 0),
+    "HabOpenFridge-v1": lambda robot: open_fridge_seen(robot, 0),
+    "HabCloseFridge-v1": lambda robot: close_fridge_seen(robot, 0),
 }
 """Environment id -> behaviour."""
 
@@ -142,4 +175,5 @@ def spa(setup: AgentSetup) -> SpaAgent:
         obs_mode="depth",
         looks="on demand",
     )
-    return SpaAgent(setup, spec, SeenScene, skill, spa_config(setup))
+    scene = SeenFridge if "Fridge" in env_id else SeenScene
+    return SpaAgent(setup, spec, scene, skill, spa_config(setup))

@@ -193,6 +193,13 @@ def _turn(wheels: Wheels[DriveConfig], yaw_rad: float) -> Generator[Command, Non
     return True
 
 
+def turn_to(robot: Robot, yaw_rad: float) -> Generator[Command, None, None]:
+    """Turns the base on the spot to a heading."""
+    wheels = Wheels(robot, DriveConfig())
+    yield from _turn(wheels, yaw_rad)
+    yield from wheels.stop()
+
+
 def leave(robot: Robot, map_: NavigationMap, config: DriveConfig) -> Generator[Command, None, None]:
     """Drives straight back from the current base pose, up to `before_m`, if there is room."""
     wheels = Wheels(robot, config)

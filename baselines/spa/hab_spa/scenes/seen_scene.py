@@ -231,7 +231,7 @@ class SeenScene:
             self._hand = HeldBox.find(points_m, self._world_from_ee(), self.config.box)
         for view, world in seen:
             points_m = view.points_m[world]
-            world[world] = ~self._in_hand(points_m, self.config.held_margin_m)
+            world[world] = ~self._modeled(points_m, self.config.held_margin_m)
             self.map.add(view, world)
 
     def collision(
@@ -241,7 +241,7 @@ class SeenScene:
         self.look()
         if base is None:
             self.map.mark()
-        here = self._believed()
+        here = self._believed(without)
         there = here if base is None else standing_at(here, base)
         shoulder_m = _at(there.world_from_base, np.array(self.robot.shoulder_m))
         config, far_m = self.config, reach_m or self.config.reach_m
@@ -322,15 +322,15 @@ class SeenScene:
         cleared = self._own.contain(
             centres_m, here.world_from_body, self.config.touch_margin_m + corner_m
         )
-        cleared |= self._in_hand(centres_m, self.config.touch_margin_m + corner_m)
+        cleared |= self._modeled(centres_m, self.config.touch_margin_m + corner_m)
         for articulation in self._articulations():
             if articulation.body == without:
                 near_m = np.linalg.norm(centres_m - articulation.handle_m, axis=1)
                 cleared |= near_m < self.config.front_m
         return cleared
 
-    def _believed(self) -> PrivilegedState:
-        """Returns the believed state of the robot and the held object."""
+    def _believed(self, without: str | None = None) -> PrivilegedState:
+        """Returns the believed state of the robot and the held object; less a body, if given."""
         bodies, poses = self._own.bodies, self._own.poses(self.world_from_base, self.arm_qpos)
         if self._hand is not None:
             poses[HELD] = self._world_from_ee() @ self._hand.ee_from_box
@@ -369,8 +369,8 @@ class SeenScene:
     def _world_from_ee(self) -> Array:
         return self.world_from_base @ self._arm.ee_pose(self.arm_qpos)
 
-    def _in_hand(self, points_m: Array, margin_m: float) -> NDArray[np.bool_]:
-        """Whether world points (K, 3) belong to the held object."""
+    def _modeled(self, points_m: Array, margin_m: float) -> NDArray[np.bool_]:
+        """Whether world points (K, 3) belong to a body of `_believed`: the held object."""
         if self._hand is None:
             return np.zeros(len(points_m), dtype=bool)
         return self._hand.contains(points_m, self._world_from_ee(), margin_m)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from hab_plans.motion import Command
 
+from hab_spa.motion.drive import turn_to
 from hab_spa.motion.moves import follow
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
@@ -80,6 +81,13 @@ def look_closer(
     if len(free):
         goals = apart(free, robot.config.goal)
         yield from _look_from(robot, scene, goals, collision, config)
+
+
+def look_at(robot: Robot, point_m: Array) -> Generator[Command, None, None]:
+    """Turns the base until the head camera faces a point (3,), if the robot's arm has room."""
+    robot.doing = "look"
+    gap_m = point_m[:2] - robot.base[:2]
+    yield from turn_to(robot, float(np.arctan2(gap_m[1], gap_m[0])))
 
 
 def _look_from(

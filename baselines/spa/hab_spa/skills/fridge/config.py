@@ -52,6 +52,7 @@ class FridgeConfig:
         wait_steps: Maximum steps to wait for a swinging door.
         spare_steps: Time reserve when checking whether a pull fits the remaining time.
         as_is_tries: Base poses evaluated with the arm as it is after a pull, before it rests.
+        slack_rad: A door counts as open so far beyond the threshold, and as closed so far below.
         plan: Parameters of the motion planner; more computing, as short paths matter, and larger
             margins, as a touched door moves.
         base_poses: Number of candidate base poses for navigation.
@@ -93,6 +94,7 @@ class FridgeConfig:
     wait_steps: int = 60
     spare_steps: float = 25.0
     as_is_tries: int = 8
+    slack_rad: float = 0.0
     plan: PlanConfig = field(
         default_factory=lambda: PlanConfig(
             margins_m=(0.04, 0.02, 0.01, 0.003), good_rad=1.2, improve_checks=8_000

@@ -24,9 +24,7 @@ from hab_tasks.registration import (
     register_task,
 )
 from hab_tasks.task_spec import Target, TaskSpec
-from hab_tasks.tasks.prepare_groceries import PREPARE_GROCERIES
-from hab_tasks.tasks.set_table import SET_TABLE
-from hab_tasks.tasks.tidy_house import TIDY_HOUSE
+from hab_tasks.tasks.benchmark import PREPARE_GROCERIES, SET_TABLE, TIDY_HOUSE
 
 if TYPE_CHECKING:
     from hab_tasks.agent import Agent, AgentReport, AgentSetup, AgentSpec, check_options

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib import import_module
 
 from mani_skill.utils.registration import register
 
 from hab_tasks.engine.hab_env import HabEnv
-from hab_tasks.registration import ENTRY_POINTS, imported_id
+from hab_tasks.registration import ENTRY_POINTS, class_of, imported_id
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,8 +47,7 @@ class Environments(Mapping[str, EnvEntry]):
 
 @cache
 def _load(env_id: str) -> EnvEntry:
-    module, _, name = ENTRY_POINTS[env_id].partition(":")
-    env = getattr(import_module(module), name)
+    env = class_of(env_id)
     register(env_id, env, max_episode_steps=env.horizon_steps)
     return EnvEntry(id=env_id, env=env, horizon_steps=env.horizon_steps)
 

@@ -199,6 +199,12 @@ def imported_id(reference: str) -> str:
     return env_id
 
 
+def class_of(env_id: str) -> Any:
+    """Imports and returns the class of an environment."""
+    module, _, name = ENTRY_POINTS[env_id].partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
 def registered_id(env: Any) -> str:
     """Returns the id of an environment class.
 

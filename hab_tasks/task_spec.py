@@ -305,7 +305,7 @@ def interactions(spec: TaskSpec) -> tuple[Interaction, ...]:
             if name not in is_open:
                 is_open.add(name)
                 found.append(_moved("open", number, name))
-        start, goal = (_behind(spec, names) for names in (target.start, spec.goal_of(target)))
+        start, goal = (behind(spec, names) for names in (target.start, spec.goal_of(target)))
         pick, place = target.stage_names
         found.append(Interaction(kind="pick", target=number, articulation=start, stage=pick))
         found.append(
@@ -331,17 +331,7 @@ def _moved(kind: Literal["open", "close"], number: int, name: str) -> Interactio
     return Interaction(kind=kind, target=number, articulation=name, stage=f"{kind}_{name}")
 
 
-def _behind(spec: TaskSpec, receptacles: tuple[str, ...]) -> str | None:
+def behind(spec: TaskSpec, receptacles: tuple[str, ...]) -> str | None:
     """Returns the door or drawer that encloses the first of some receptacles."""
     found = (CONTAINERS.get(name) for name in receptacles)
     return next((name for name in found if name in spec.articulations), None)
-
-
-def container_at_goal(spec: TaskSpec, target: Target) -> str | None:
-    """Returns the door or drawer that encloses a target's goal; None for open receptacles."""
-    return _behind(spec, spec.goal_of(target))
-
-
-def container_at_start(spec: TaskSpec, target: Target) -> str | None:
-    """Returns the door or drawer that encloses a target's start; None for open receptacles."""
-    return _behind(spec, target.start)

@@ -257,7 +257,7 @@ def starts_on(episode: Episode, *words: str) -> bool:
 
 def first_episode(env: object, accept: Callable[[Episode], bool]) -> int:
     """The index of the first of the environment's episodes that `accept` takes."""
-    source = env.unwrapped._simulation.source
+    source = env.unwrapped.simulation.source
     return next(i for i in range(source.available) if accept(source.get(i)))
 
 
@@ -276,7 +276,7 @@ def reach(env: object, point_m: np.ndarray, gripper: float, *, steps: int, withi
     """
     base, results = env.unwrapped, []
     for _ in range(steps):
-        shot = base._simulation.snapshot
+        shot = base.simulation.snapshot
         gap = world_to_base(shot.base, np.asarray(point_m, dtype=np.float32)[None, None])[0, 0]
         gap = gap - shot.ee_in_base_m[0]
         if np.linalg.norm(gap) < within_m:
@@ -298,7 +298,7 @@ def go_above_and_grasp(env: object, name: str, *, gripper: float = 1.0) -> list:
     for height in np.arange(0.25, 0.0, -0.01):
         point = np.add(target, (0.0, 0.0, height))
         results += reach(env, point, -1.0, steps=5, within_m=0.015)
-        ee = np.asarray(base._simulation.snapshot.ee_m)[0]
+        ee = np.asarray(base.simulation.snapshot.ee_m)[0]
         if np.linalg.norm(ee - base.privileged()[0].object_com_m[name]) < 0.13:
             break
     results.append(env.step(ee_action(env, np.zeros(3), gripper)))

@@ -125,7 +125,7 @@ DEFECTS = (
     Defect(name="cache_key", first="core/test_shared_episodes.py",
            file="hab_tasks/episodes/source.py",
            old='{key:08x}/{self._name}"', new='{key:08x}/{self.env_id}.{kind}.{scope}.json.gz"'),
-    Defect(name="moving_body", first="envs/test_rays.py", file="hab_tasks/engine/visible_bodies.py",
+    Defect(name="moving_body", first="envs/test_rays.py", file="hab_tasks/engine/ray_sensors.py",
            old="entity=sapien_object(actor))", new="entity=sapien_object(actor), moves=False)"),
     Defect(name="shared_noise", first="core/test_noise.py", file="hab_tasks/engine/noise.py",
            old="(self._seed, self._step, stream)", new="(self._step, stream)"),

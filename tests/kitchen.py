@@ -47,7 +47,7 @@ class Kitchen:
         return float(self.furniture.get_qpos()[0, index])
 
     def gap_m(self):
-        return float(np.linalg.norm(self.grasp.handle_m(0) - self.grasp.ee_position_m()))
+        return float(np.linalg.norm(self.handle.pose().p - self.grasp.ee_position_m()))
 
     def act(self, move=lambda: None):
         """Runs the physics of an action, and goes on grasping; `move` is called in each step."""
@@ -61,7 +61,7 @@ class Kitchen:
 
     def stand(self):
         """Places the base so that the hand, at rest height or not, is on the marker."""
-        marker = self.grasp.handle_m(0)
+        marker = self.handle.pose().p
         qpos = self.agent.rest_qpos()[None]
         qpos[0, self.agent.base_index] = torch.tensor([marker[0] - 0.5, marker[1], 0.0])
         self.agent.robot.set_root_pose(sapien.Pose([0, 0, float(marker[2]) - 1.0]))
@@ -73,11 +73,11 @@ class Kitchen:
 def opening_direction(kitchen):
     """Level direction (2,) in which the marker goes when the joint opens a little."""
     index = [j.name for j in kitchen.furniture.active_joints].index(kitchen.link.joint.name)
-    start = kitchen.grasp.handle_m(0)[:2]
+    start = kitchen.handle.pose().p[:2]
     qpos = kitchen.furniture.get_qpos().clone()
     closed = qpos.clone()
     qpos[0, index] += 0.05
     kitchen.furniture.set_qpos(qpos)
-    moved = kitchen.grasp.handle_m(0)[:2] - start
+    moved = kitchen.handle.pose().p[:2] - start
     kitchen.furniture.set_qpos(closed)
     return moved / np.linalg.norm(moved)

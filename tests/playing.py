@@ -55,7 +55,7 @@ def _cells(count, cells):
 def still(env):
     """The action that moves nothing and keeps what is held."""
     base = env.unwrapped
-    return base.agent.controller.idle_action(base._simulation.grasp.holding)
+    return base.agent.controller.idle_action(base.simulation.grasp.holding)
 
 
 def arm(base):
@@ -91,7 +91,7 @@ def record(env, sequence):
 
 def joints(env):
     """Furniture name -> its joints' positions."""
-    furniture = env.unwrapped._simulation.scene_bodies.articulations
+    furniture = env.unwrapped.simulation.scene_bodies.articulations
     return {name: piece.get_qpos()[0].numpy().copy() for name, piece in furniture.items()}
 
 
@@ -114,7 +114,7 @@ def held(env):
 
 def move_object(state, env, name, com_m):
     """Writes into a state that an object's centre of mass is at `com_m` (3,), at rest."""
-    world = env.unwrapped._simulation
+    world = env.unwrapped.simulation
     index = world._names.index(name)
     actor = world.grasp.objects[index]
     com = world.grasp.objects_com_m()[index] - actor.pose.p[0].numpy()
@@ -126,13 +126,13 @@ def put(env, name, offset_m):
     """Puts an object's centre of mass at the end-effector plus `offset_m`."""
     base = env.unwrapped
     state = base.get_state_dict()
-    move_object(state, env, name, np.asarray(base._simulation.snapshot.ee_m)[0] + offset_m)
+    move_object(state, env, name, np.asarray(base.simulation.snapshot.ee_m)[0] + offset_m)
     base.set_state_dict(state)
 
 
 def move_joint(state, env, number, position):
     """Writes into a state where the numbered door or drawer of the goals stands [m or rad]."""
-    world = env.unwrapped._simulation
+    world = env.unwrapped.simulation
     handle = world.grasp.handles[world.handles[number]]
     entry = state["articulations"][handle.furniture.name]
     count = len(handle.furniture.active_joints)

@@ -72,7 +72,7 @@ class RulesHarness:
         self.rules._set_navigation_goal = lambda row, point: self.navigation_goals.append(
             (row, point.tolist())
         )
-        self.env._simulation = SimpleNamespace(rows=self.world)
+        self.env.simulation = SimpleNamespace(rows=self.world)
         self.rows = range(count)
 
     def snapshot(self, **values: Any) -> Snapshot:

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import zlib
+from dataclasses import dataclass
+from functools import cached_property
 from operator import index
 from typing import Any
 
@@ -73,17 +75,14 @@ class EpisodeSampler:
         return number
 
 
+@dataclass(frozen=True)
 class ActiveLayout:
-    """The layout and the movable objects in the simulation.
+    """The layout and the movable objects in the simulation."""
 
-    Attributes:
-        checksum: A number of 32 bits that differs for other layouts and objects.
-    """
+    layout: str
+    objects: tuple[str, ...]
 
-    def __init__(self, layout: str, objects: tuple[str, ...]) -> None:
-        self.layout, self.objects = layout, objects
-        self.checksum = zlib.crc32(repr((layout, objects)).encode())
-
-    def is_of(self, layout: str, objects: tuple[str, ...]) -> bool:
-        """Whether it is this layout with these objects."""
-        return (self.layout, self.objects) == (layout, objects)
+    @cached_property
+    def checksum(self) -> int:
+        """A number of 32 bits that differs for other layouts and objects."""
+        return zlib.crc32(repr((self.layout, self.objects)).encode())

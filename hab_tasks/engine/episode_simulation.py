@@ -34,8 +34,7 @@ from hab_tasks.robots.sleeping import SleepingObjects
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import LayoutMaps
 from hab_tasks.world.scenes.build import LayoutLights
-from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.pool import BodyPool, SceneBodies
 
 if TYPE_CHECKING:
     from hab_tasks.engine.rows import Rows
@@ -50,7 +49,9 @@ class EpisodeSimulation:
         robot: The robot.
         requirements: Requirements of the skill or task.
         source: Source of the episodes.
+        sampler: Samples the episodes.
         maps: Navigation maps of the layouts.
+        shown: Layout and objects in the simulation; a new instance after every change.
         scene_bodies: Bodies of the active layout.
         truth: Reads the privileged state of the active layout.
         grasp: What the robot holds.
@@ -96,28 +97,18 @@ class EpisodeSimulation:
         for episode in source.given:
             check_entries(episode, robot, requirements, source.file)
         self.maps = LayoutMaps(source.scene)
-        self._sampler = EpisodeSampler(source, num_episodes)
+        self.sampler = EpisodeSampler(source, num_episodes)
         self._delay_steps = whole("action_delay_steps", delay_steps, 0, LONGEST_STEPS, "steps")
         self.delay: ActionDelay | None = None
         known = SensorNoise.of(noise)
         self.noise = None if known is None else NoiseSource(known)
-        self._shown: ActiveLayout | None = None
+        self.shown: ActiveLayout | None = None
         self._loose: dict[str, Pose7] = {}
 
     @property
     def episode(self) -> Episode:
         """The current episode."""
-        return self._sampler.episode
-
-    @property
-    def seed(self) -> int:
-        """Seed of the episode; resetting with it reproduces the episode."""
-        return self._sampler.seed
-
-    @property
-    def shown(self) -> ActiveLayout | None:
-        """Layout and objects in the simulation; a new instance after every change."""
-        return self._shown
+        return self.sampler.episode
 
     @property
     def snapshot(self) -> Snapshot:
@@ -128,10 +119,6 @@ class EpisodeSimulation:
     def goals(self) -> Goals:
         """The goals of the episode, a batch of one."""
         return of_row(self.rows.goals, self.row)
-
-    def draw_from(self, first: int) -> None:
-        """Draws further episodes from the `first` of them."""
-        self._sampler.draw_from(first)
 
     @property
     def ee_step_m(self) -> float:
@@ -144,8 +131,8 @@ class EpisodeSimulation:
         """Chooses the next episode; returns whether nothing has been built yet."""
         if isinstance(wanted, Episode):
             check_entries(wanted, self.robot, self.requirements)
-        self._sampler.choose(seed, wanted)
-        return self._shown is None
+        self.sampler.choose(seed, wanted)
+        return self.shown is None
 
     def build(self, scene: ManiSkillScene, agent: MobileManipulator, lit: bool) -> None:
         """Builds a new simulation in the layout of the chosen episode, with lamps if `lit`."""
@@ -157,18 +144,19 @@ class EpisodeSimulation:
             for scene_id in self.source.scene_ids():
                 # Shown once, so that its furniture is built; the pool keeps it.
                 self._pool.show(self.source.scene(scene_id), ())
-        self._shown = None
+        self.shown = None
         self._show()
 
     def _show(self) -> None:
         """Activates layout and objects of the chosen episode, unless already active."""
         layout, objects = self.episode.scene_id, tuple(sorted(self.episode.objects))
-        if self._shown is not None:
-            if self._shown.is_of(layout, objects):
-                return
+        wanted = ActiveLayout(layout, objects)
+        if self.shown == wanted:
+            return
+        if self.shown is not None:
             # A grasp is a constraint with a body, which leaves the scene with its layout.
             self.grasp.reset()
-        self._shown, self._loose = ActiveLayout(layout, objects), {}
+        self.shown, self._loose = wanted, {}
         spec = self.source.scene(layout)
         self.scene_bodies = self._pool.show(spec, objects)
         if self._lights is not None:

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import sapien
 import torch
 from mani_skill.utils.structs import Actor
 
@@ -20,8 +19,9 @@ from hab_tasks.option_values import LARGEST_SEED
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import rigid_body, sapien_object
+from hab_tasks.world.scenes.build import to_sapien
 from hab_tasks.world.scenes.meshes import mesh_bounds
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.pool import SceneBodies
 from hab_tasks.world.scenes.spec import Stage
 
 FARTHEST_M = 1000.0
@@ -214,7 +214,7 @@ def _apply_objects(episode: Episode, scene_bodies: SceneBodies, in_place: frozen
 
 def _place(actor: Actor, pose: Pose7) -> None:
     body: Any = rigid_body(actor)
-    body.entity.pose = sapien.Pose(list(pose[:3]), list(pose[3:]))
+    body.entity.pose = to_sapien(pose)
     # PhysX refuses velocities of a kinematic body, which has none.
     if not body.kinematic:
         body.linear_velocity = body.angular_velocity = (0.0, 0.0, 0.0)

@@ -7,7 +7,6 @@ from dataclasses import dataclass, fields
 from typing import Any, Literal
 
 import numpy as np
-import sapien
 from torch import Tensor
 
 from hab_tasks.arrays import Floats, put_rows, to_tensor
@@ -18,7 +17,8 @@ from hab_tasks.privileged import Array
 from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.simulator import rigid_body, sapien_object
-from hab_tasks.world.scenes.scene_bodies import SceneBodies
+from hab_tasks.world.scenes.build import to_sapien
+from hab_tasks.world.scenes.pool import SceneBodies
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -137,9 +137,7 @@ class GoalSetting:
                 pose = target.world_from_goal
                 # The episode has the pose of the body's frame; measures are of its centre of mass.
                 body = rigid_body(self._grasp.objects[self._names.index(target.object)])
-                goals[number] = (
-                    sapien.Pose(list(pose[:3]), list(pose[3:])) * body.cmass_local_pose
-                ).p
+                goals[number] = (to_sapien(pose) * body.cmass_local_pose).p
         articulations = [self._grasp.handles[index] for index in self.handles(episode)]
         limits = np.array([handle.limits for handle in articulations]).reshape(-1, 2)
         base = episode.navigation.base if episode.navigation is not None else (0.0, 0.0, 0.0)

@@ -8,17 +8,14 @@ from typing import Any
 import numpy as np
 import sapien
 
-from hab_tasks.arrays import norm
-from hab_tasks.articulations import FRIDGE, ArticulationKind
+from hab_tasks.articulations import ArticulationKind
 from hab_tasks.engine.goals import Goals, frame_of
-from hab_tasks.episodes.schema import Episode, ReceptacleRef
+from hab_tasks.episodes.schema import Episode
 from hab_tasks.privileged import Array, ArticulationState, CollisionBody, PrivilegedState
-from hab_tasks.receptacles import CONTAINERS
 from hab_tasks.robots.grasp import NOTHING, SnapGrasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
-from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, matrix, read_body
+from hab_tasks.world.scenes.pool import BodyPool, SceneBodies, components, matrix, read_body
 
 FIXED = ("stage", "static")
 """Groups of bodies that do not move."""
@@ -131,40 +128,17 @@ class GroundTruth:
         pairs = zip(kinds, handles, strict=True)
         return tuple(self._articulation(kind.name, index) for kind, index in pairs)
 
-    def nearest_object(self) -> str:
-        """Returns the name of the movable object whose centre of mass is nearest to the hand."""
-        gaps_m = self._grasp.objects_com_m() - self._grasp.ee_position_m()
-        return self._names[int(norm(gaps_m).argmin())]
-
-    def front(self, kind: ArticulationKind) -> Array:
-        """Returns x, y [m] and yaw [rad] of the frame facing out of the furniture of a kind."""
-        return np.array(frame_of(self._grasp.handles[self._number(kind)]))
-
-    def articulation(self, kind: ArticulationKind) -> ArticulationState:
-        """Returns the current state of the door or drawer of a kind."""
-        return self._articulation(kind.name, self._number(kind))
-
-    def _number(self, kind: ArticulationKind) -> int:
-        """Returns the index of a kind's handle in the grasp."""
-        names = [handle.name for handle in self._grasp.handles]
-        return names.index(kind.marker)
-
-    def fridge_around(self, receptacle: ReceptacleRef | None) -> Array | None:
-        """Returns the fridge's `front` if a receptacle is inside it, else None."""
-        inside = receptacle is not None and CONTAINERS.get(receptacle[0]) == FRIDGE.name
-        return self.front(FRIDGE) if inside else None
-
     def _articulation(self, kind: str, index: int) -> ArticulationState:
         handle = self._grasp.handles[index]
-        link: Any = sapien_object(handle.link)
+        link = handle.body
         # SAPIEN's joints move along or about the x axis of their frame.
         axis = matrix(link.joint.global_pose)
         return ArticulationState(
             kind=kind,
             body=f"{handle.furniture_name}/{handle.link.name}",
-            handle_m=(link.entity_pose * sapien.Pose(list(handle.offset_m))).p.astype(float),
+            handle_m=np.asarray(handle.pose().p, dtype=float),
             held=self._grasp.held_handle == index,
-            joint=float(sapien_object(handle.furniture).get_qpos()[handle.column]),
+            joint=handle.joint(),
             limits=handle.limits,
             slides=link.joint.type == "prismatic",
             axis=axis[:3, 0],

@@ -130,7 +130,7 @@ class HabEnv(ObservingEnv):
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
         options = num_episodes, prefetch, action_delay_steps, sensor_noise
-        self._simulation = self._simulated(where | of, *options)
+        self.simulation = self._simulated(where | of, *options)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
 
     def _simulated(self, request: dict[str, Any], *options: Any) -> EpisodeSimulation:
@@ -172,7 +172,7 @@ class HabEnv(ObservingEnv):
     @property
     def instruction(self) -> list[str]:
         """Instruction of the episode in words, one; also in `info` of a reset."""
-        return [self.instruct(self._simulation.episode, self.words)]
+        return [self.instruct(self.simulation.episode, self.words)]
 
     @property
     def stage_instruction(self) -> list[str]:
@@ -202,26 +202,21 @@ class HabEnv(ObservingEnv):
     @property
     def episode(self) -> tuple[Episode]:
         """The current episode."""
-        return (self._simulation.episode,)
-
-    @property
-    def simulation(self) -> EpisodeSimulation:
-        """The simulation of the episodes."""
-        return self._simulation
+        return (self.simulation.episode,)
 
     def draw_from(self, first: int) -> None:
         """Draws further episodes from the `first` of its `num_episodes`, which may still grow."""
-        self._simulation.draw_from(first)
+        self.simulation.sampler.draw_from(first)
 
     @property
     def rows(self) -> Rows:
         """The rows that this environment belongs to: one, or those of a worker of `make_vec`."""
-        return self._simulation.rows
+        return self.simulation.rows
 
     @property
     def here(self) -> slice:
         """Where this environment is among the rows."""
-        return slice(self._simulation.row, self._simulation.row + 1)
+        return slice(self.simulation.row, self.simulation.row + 1)
 
     @property
     def rules(self) -> Rules:
@@ -231,11 +226,11 @@ class HabEnv(ObservingEnv):
     @property
     def measures(self) -> Measures:
         """The measures after the latest control step, a batch of one."""
-        return of_row(self.rows.measures, self._simulation.row)
+        return of_row(self.rows.measures, self.simulation.row)
 
     def privileged(self) -> list[Any]:
         """Returns the true state, one (see `hab_tasks.privileged`)."""
-        return [self._simulation.privileged()]
+        return [self.simulation.privileged()]
 
     # Building and resetting ------------------------------------------------------------------
 
@@ -261,7 +256,7 @@ class HabEnv(ObservingEnv):
             OptionError: Invalid seed or option.
             EpisodeError: Unknown episode, or an episode that does not match its layout.
         """
-        options, simulation = entries("options", options), self._simulation
+        options, simulation = entries("options", options), self.simulation
         if options.get("env_idx") is not None:
             options["env_idx"] = torch.tensor(row_numbers("env_idx", options["env_idx"], 1))
         seeds("seed", seed, 1)
@@ -282,7 +277,7 @@ class HabEnv(ObservingEnv):
         obs, info = super().reset(seed=seed, options=options)
         if seed is None:
             # ManiSkill's recorder stores this; the seed that it drew would give another episode.
-            self._episode_seed[:] = simulation.seed
+            self._episode_seed[:] = simulation.sampler.seed
         # Recorders read from this whether the entries of the state changed.
         info["reconfigure"] = info["reconfigure"] or simulation.shown is not before
         if restored:
@@ -295,15 +290,15 @@ class HabEnv(ObservingEnv):
         return obs, info
 
     def _load_scene(self, options: dict[str, Any]) -> None:
-        self._simulation.build(self.scene, self.agent, lit=self._is_lit)
+        self.simulation.build(self.scene, self.agent, lit=self._is_lit)
         self._start_observing()
 
     def _clear_sim_state(self) -> None:
         """Does nothing: the episode sets all velocities, and sleeping bodies have none."""
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
-        self._simulation.apply()
-        self.rows.begin(self._simulation.row)
+        self.simulation.apply()
+        self.rows.begin(self.simulation.row)
         self.__dict__.pop("segmentation_id_map", None)  # cached; the bodies may have changed
 
     # Stepping --------------------------------------------------------------------------------
@@ -314,7 +309,7 @@ class HabEnv(ObservingEnv):
         if action is not None:
             action = self._batched(action)
             entries = self.agent.controller.check(action)
-        self.rows.step({self._simulation.row: entries})
+        self.rows.step({self.simulation.row: entries})
         return action
 
     def _batched(self, action: np.ndarray | Tensor) -> Tensor:
@@ -362,7 +357,7 @@ class HabEnv(ObservingEnv):
         found: Any = super().get_state_dict()
         # Sorted, as the simulation's order depends on the layouts that it has shown before.
         simulator = {kind: dict(sorted(entries.items())) for kind, entries in found.items()}
-        state, shown = self.rows.get_state(self._simulation.row), self._simulation.shown
+        state, shown = self.rows.get_state(self.simulation.row), self.simulation.shown
         state["hab"]["bodies"] = words_of([shown.checksum if shown else 0], 2)
         return with_columns({**simulator, **state})
 
@@ -380,14 +375,14 @@ class HabEnv(ObservingEnv):
         Raises:
             EpisodeError: The state has other furniture or objects than this episode.
         """
-        rows, row = self.rows, self._simulation.row
+        rows, row = self.rows, self.simulation.row
         present = rows.get_state(row)
         simulator = {key: value for key, value in state.items() if key not in present}
         # All checks come first, so that a bad state leaves the episode as it is.
-        self._simulation.refuse_other_bodies(simulator)
+        self.simulation.refuse_other_bodies(simulator)
         kept = shaped_like(state, present)
         # A sleeping body is kinematic, and takes no velocity.
-        self._simulation.thaw()
+        self.simulation.thaw()
         super().set_state_dict(simulator)
         rows.set_state(row, kept)
 

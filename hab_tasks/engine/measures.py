@@ -29,7 +29,9 @@ from hab_tasks.arrays import (
 from hab_tasks.constants import CONTROL_HZ, PLACE_RADIUS_M, REST_SPEED_M_S, REST_STEPS
 from hab_tasks.engine.goals import Goals
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.world.navigation.navigation_map import GeodesicDistances
+from hab_tasks.privileged import Array
+from hab_tasks.world.navigation import NavigationMap
+from hab_tasks.world.scenes.floor import CELL_M
 
 REST_STEP_M = REST_SPEED_M_S / CONTROL_HZ
 """Distance moved in one control step below which an object is at rest."""
@@ -105,6 +107,40 @@ class Focus:
 
     object: Ints
     articulation: Ints
+
+
+_NOWHERE = np.zeros((2, 2), dtype=np.float32)
+
+
+class GeodesicDistances:
+    """Geodesic distances to one goal per row; rows without a goal have distance zero."""
+
+    def __init__(self, count: int) -> None:
+        self._fields: list[Floats] = [_NOWHERE] * count
+        self._origins_m = np.zeros((count, 2), dtype=np.float32)
+
+    def set_goal(self, row: int, map_: NavigationMap, goal_m: Array) -> None:
+        """Sets the goal of a row to `goal_m` (2,), or the nearest free position."""
+        field = map_.geodesic_field(np.asarray(goal_m, dtype=float))
+        self._fields[row] = map_.everywhere(field).astype(np.float32)
+        self._origins_m[row] = map_.floor.origin_m
+
+    def distance_m(self, base_m: Floats) -> Floats:
+        """Returns distances of bases (N, 2) to their goals, (N,) [m], bilinear between cells."""
+        return np.array(
+            [self._of_row(row, x, y) for row, (x, y) in enumerate(base_m.tolist())],
+            dtype=np.float32,
+        )
+
+    def _of_row(self, row: int, x_m: float, y_m: float) -> float:
+        """Looks up one row in plain numbers, which takes a tenth of the time of arrays."""
+        field, (x0, y0) = self._fields[row], self._origins_m[row].tolist()
+        x = min(max((x_m - x0) / CELL_M, 0.0), field.shape[0] - 1.0)
+        y = min(max((y_m - y0) / CELL_M, 0.0), field.shape[1] - 1.0)
+        i, j = min(int(x), field.shape[0] - 2), min(int(y), field.shape[1] - 2)
+        u, v = x - i, y - j
+        (a, b), (c, d) = field[i : i + 2, j : j + 2].tolist()
+        return (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
 
 
 class Tracker:

@@ -38,7 +38,7 @@ VIEWS = ("head", "arm")
 
 
 class ObservingEnv(BaseEnv):
-    """Observations and human rendering of an `EpisodeSimulation`."""
+    """Observations and human rendering of a `simulation` of episodes."""
 
     observation: ClassVar[tuple[ObsEntry, ...]]
     handle: ClassVar[ObsEntry | None] = None
@@ -47,7 +47,7 @@ class ObservingEnv(BaseEnv):
     cameras: ClassVar[tuple[str, ...]] = ("head", "arm")
     agent: MobileManipulator  # type: ignore[assignment]
     robot: RobotSpec
-    _simulation: EpisodeSimulation
+    simulation: EpisodeSimulation
     _viewpoint: Viewpoint
     _hides_arm: bool
     _wording: str
@@ -165,7 +165,7 @@ class ObservingEnv(BaseEnv):
         if self._source.casts_rays:
             changes: Any = self._custom_sensor_configs
             self._rays = RaySensors(
-                self._simulation, self.agent, self._ray_cameras, changes, self._hides_arm
+                self.simulation, self.agent, self._ray_cameras, changes, self._hides_arm
             )
             self._sensors = self.scene.sensors = dict(self._rays.cameras)
 
@@ -192,7 +192,7 @@ class ObservingEnv(BaseEnv):
     def render_human(self) -> Any:
         """Renders the viewer window, with marks."""
         if self._marks is not None:
-            self._marks.place(self._simulation)
+            self._marks.place(self.simulation)
         return super().render_human()
 
     def render_views(self) -> dict[str, Tensor]:
@@ -218,7 +218,7 @@ class ObservingEnv(BaseEnv):
 
     def hand_and_force(self) -> str:
         """Returns the object in the hand and the accumulated contact force, for captions."""
-        simulation = self._simulation
+        simulation = self.simulation
         force_n = float(simulation.rows.measures.force_total_n[simulation.row])
         return f"holds {simulation.privileged().held or 'no object'}, force {force_n:.0f} N"
 
@@ -231,8 +231,8 @@ class ObservingEnv(BaseEnv):
     def _aim(self) -> None:
         """Places the marks; moves the human-render camera if the hand is occluded."""
         if self._marks is not None:
-            self._marks.place(self._simulation)
-        pose = self._viewpoint.follow(self._simulation, self._cast_ray)
+            self._marks.place(self.simulation)
+        pose = self._viewpoint.follow(self.simulation, self._cast_ray)
         if pose is not None:
             for camera in self._human_render_cameras["render_camera"].camera._render_cameras:
                 camera.local_pose = pose
@@ -250,8 +250,8 @@ class ObservingEnv(BaseEnv):
         """Wording of the instructions of the current episode."""
         if self._wording == "fixed":
             return FIXED
-        held_out = self._simulation.source.split == "test"
-        return Words(seed=self._simulation.episode.seed, held_out=held_out)
+        held_out = self.simulation.source.split == "test"
+        return Words(seed=self.simulation.episode.seed, held_out=held_out)
 
     @property
     def entries(self) -> tuple[ObsEntry, ...]:
@@ -261,7 +261,7 @@ class ObservingEnv(BaseEnv):
     @property
     def noise(self) -> NoiseSource | None:
         """Noise of the sensors, if any."""
-        return self._simulation.noise
+        return self.simulation.noise
 
     def leave_out_images(self) -> None:
         """Stops rendering images in observations; `look` renders them on demand.
@@ -307,8 +307,8 @@ class ObservingEnv(BaseEnv):
         return self._values(self._told)
 
     def _values(self, entries: list[ObsEntry]) -> dict[str, Tensor]:
-        values = read_entries(entries, self._simulation.rows)
-        row = self._simulation.row
+        values = read_entries(entries, self.simulation.rows)
+        row = self.simulation.row
         return {name: to_tensor(value[row : row + 1]) for name, value in values.items()}
 
     def _get_obs_sensor_data(self, apply_texture_transforms: bool = True) -> dict[str, Any]:

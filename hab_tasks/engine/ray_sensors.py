@@ -1,9 +1,9 @@
-"""Depth sensors of an environment without a renderer; see `hab_tasks.world.raycast`."""
+"""Visible bodies and depth sensors of an environment without a renderer."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -15,11 +15,47 @@ from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.noise import Images
-from hab_tasks.engine.visible_bodies import visible_bodies
 from hab_tasks.robots.cameras import hidden_links
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import change_cameras, sapien_object
-from hab_tasks.world.raycast.scene import Pinhole, RayImage, RayScene, cv_from_world
+from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
+from hab_tasks.world.scenes.visuals import (
+    furniture_visuals,
+    stage_visuals,
+    template_visuals,
+    urdf_visuals,
+)
+
+ROBOT = "robot"
+"""Prefix of the names of the robot's links."""
+
+
+def visible_bodies(
+    simulation: EpisodeSimulation, agent: MobileManipulator, hidden: Collection[str] = ()
+) -> Iterator[RayBody]:
+    """Yields the bodies of the active layout and the robot, without its `hidden` links."""
+    active = simulation.scene_bodies
+    spec, templates = active.spec, simulation.source.objects
+    stage: Any = sapien_object(active.stage)
+    yield RayBody(name="stage", visuals=stage_visuals(spec.stage), entity=stage, moves=False)
+    for item in spec.objects:
+        actor = (active.loose if item.dynamic else active.static)[item.name]
+        visuals, entity = template_visuals(item.template, item.scale), sapien_object(actor)
+        yield RayBody(name=item.name, visuals=visuals, entity=entity, moves=item.dynamic)
+    for name, actor in active.pickables.items():
+        visuals = template_visuals(templates[name.rsplit("_:", 1)[0]], 1.0)
+        yield RayBody(name=name, visuals=visuals, entity=sapien_object(actor))
+    for furniture in spec.articulations:
+        of_link = furniture_visuals(furniture.urdf_file, furniture.scale)
+        for link in active.articulations[furniture.name].links:
+            name, entity = f"{furniture.name}/{link.name}", sapien_object(link).entity
+            yield RayBody(name=name, visuals=of_link[link.name], entity=entity)
+    of_link = urdf_visuals(agent.urdf(visuals=True))
+    for link in agent.robot.links:
+        if link.name not in hidden:
+            name, entity = f"{ROBOT}/{link.name}", sapien_object(link).entity
+            yield RayBody(name=name, visuals=of_link[link.name], entity=entity)
+
 
 _GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
 """OpenGL's camera frame: x right, y up, z backwards."""
@@ -125,6 +161,7 @@ def _textures(image: RayImage, camera: Pinhole, wanted: CameraObsTextures) -> di
     if wanted.depth:
         arrays["depth"] = _whole(depth_mm)[:, :, None]
     if wanted.position:
+        # Rays go through the centres of the pixels.
         columns = (np.arange(camera.width_px) + 0.5 - camera.centre_px[0]) / camera.focal_px[0]
         rows = (camera.centre_px[1] - np.arange(camera.height_px) - 0.5) / camera.focal_px[1]
         x, y = depth_mm * columns[None], depth_mm * rows[:, None]

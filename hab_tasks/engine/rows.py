@@ -14,13 +14,12 @@ import numpy as np
 from hab_tasks.arrays import Batch, Floats
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.goals import Goals
-from hab_tasks.engine.measures import Measures, Tracker
+from hab_tasks.engine.measures import GeodesicDistances, Measures, Tracker
 from hab_tasks.engine.rules import Rules
 from hab_tasks.engine.sensors import ARM_QPOS, ObsEntry
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.robots.grasp import NOTHING
-from hab_tasks.world.navigation import GeodesicDistances
 
 
 class Rows:

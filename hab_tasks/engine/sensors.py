@@ -109,23 +109,9 @@ def observation_doc(entries: Sequence[ObsEntry], cameras: Sequence[str]) -> str:
     return "\n".join([f"**Observation** {about}:\n", rule, head, rule, *lines, rule])
 
 
-def along_base_axes(s: Snapshot, point_m: Floats) -> Floats:
-    """Returns the vector from the end-effector to a world point (N, 3) in base axes, (N, 3)."""
-    return _from_ee(s, point_m, s.base_axes)
-
-
-def in_ee_frame(s: Snapshot, point_m: Floats) -> Floats:
-    """Maps a world point (N, 3) to the end-effector's frame (N, 3)."""
-    return _from_ee(s, point_m, s.ee_axes)
-
-
 def _from_ee(s: Snapshot, point_m: Floats, axes: Floats) -> Floats:
     """Returns the vector from the end-effector to a point (N, 3) along axes (N, 3, 3), (N, 3)."""
     return ((point_m - s.ee_m)[:, None] @ axes)[:, 0]
-
-
-def _rest_from_ee(s: Snapshot, m: Measures, g: Goals) -> Floats:
-    return g.rest_m - m.ee_in_base_m
 
 
 def _ee_rotation(s: Snapshot, m: Measures, g: Goals) -> Floats:
@@ -174,7 +160,7 @@ REST_FROM_EE = ObsEntry(
     shape=(3,),
     unit="m",
     meaning="end-effector to its resting position, base frame",
-    read=_rest_from_ee,
+    read=lambda s, m, g: g.rest_m - m.ee_in_base_m,
     proprioceptive=True,
 )
 OBJECT_START = ObsEntry(
@@ -182,13 +168,13 @@ OBJECT_START = ObsEntry(
     shape=(3,),
     unit="m",
     meaning="end-effector to the target's starting position, base frame",
-    read=lambda s, m, g: along_base_axes(s, g.starts_m[:, 0]),
+    read=lambda s, m, g: _from_ee(s, g.starts_m[:, 0], s.base_axes),
     in_ee=ObsEntry(
         name="object_start_in_ee",
         shape=(3,),
         unit="m",
         meaning="starting position in the end-effector frame",
-        read=lambda s, m, g: in_ee_frame(s, g.starts_m[:, 0]),
+        read=lambda s, m, g: _from_ee(s, g.starts_m[:, 0], s.ee_axes),
     ),
 )
 OBJECT_GOAL = ObsEntry(
@@ -196,13 +182,13 @@ OBJECT_GOAL = ObsEntry(
     shape=(3,),
     unit="m",
     meaning="end-effector to the target's goal position, base frame",
-    read=lambda s, m, g: along_base_axes(s, g.goals_m[:, 0]),
+    read=lambda s, m, g: _from_ee(s, g.goals_m[:, 0], s.base_axes),
     in_ee=ObsEntry(
         name="object_goal_in_ee",
         shape=(3,),
         unit="m",
         meaning="goal position in the end-effector frame",
-        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+        read=lambda s, m, g: _from_ee(s, g.goals_m[:, 0], s.ee_axes),
     ),
 )
 # The goal of an object without a goal position is its start. The base rotates about the origin of
@@ -218,7 +204,7 @@ POINT = ObsEntry(
         shape=(3,),
         unit="m",
         meaning="start or goal in the end-effector frame",
-        read=lambda s, m, g: in_ee_frame(s, g.goals_m[:, 0]),
+        read=lambda s, m, g: _from_ee(s, g.goals_m[:, 0], s.ee_axes),
     ),
 )
 HANDLE = ObsEntry(
@@ -226,7 +212,7 @@ HANDLE = ObsEntry(
     shape=(3,),
     unit="m",
     meaning="end-effector to the current handle position, base frame",
-    read=lambda s, m, g: along_base_axes(s, s.handles_m[:, 0]),
+    read=lambda s, m, g: _from_ee(s, s.handles_m[:, 0], s.base_axes),
 )
 PROPRIOCEPTION = (ARM_QPOS, EE_POSITION, EE_ROTATION, IS_HOLDING, REST_FROM_EE)
 

@@ -8,12 +8,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import sapien
 
 from hab_tasks.arrays import Batch, Bools, Floats, Ints
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.grasp import SnapGrasp
-from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import rigid_body, sapien_object
 
@@ -96,7 +94,7 @@ class SnapshotReader:
         self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
         self._arm, self._ee_offset_m = len(agent.arm_index), agent.spec.ee_offset_m
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in grasp.objects]
-        self._articulations = [_ArticulationReader(handle) for handle in grasp.handles]
+        self._handles = grasp.handles
 
     def read(self, targets: Sequence[int], handles: Sequence[int], now: Floats) -> None:
         """Reads the simulation into one row `now` (`Snapshot.width`,) of a table.
@@ -122,27 +120,10 @@ class SnapshotReader:
             fixed[at : at + 3] = (body.entity_pose * com).p
             at += 3
         for number, index in enumerate(handles):
-            fixed[at : at + 3] = self._articulations[index].handle_m()
+            fixed[at : at + 3] = self._handles[index].pose().p
             # From the end of the row, where the joints stand behind all handles.
-            fixed[number - articulations] = self._articulations[index].joint()
+            fixed[number - articulations] = self._handles[index].joint()
             at += 3
-
-
-class _ArticulationReader:
-    """Reads the handle and the joint of a door or drawer."""
-
-    def __init__(self, handle: Handle) -> None:
-        self._link, self._offset = sapien_object(handle.link), sapien.Pose(list(handle.offset_m))
-        self._robot = sapien_object(handle.furniture)
-        self._column = handle.column
-
-    def handle_m(self) -> Any:
-        """Returns the handle (3,) in the world."""
-        return (self._link.entity_pose * self._offset).p
-
-    def joint(self) -> float:
-        """Returns the joint's position [m or rad]."""
-        return float(self._robot.qpos[self._column])
 
 
 def world_to_base(base: Floats, points_m: Floats) -> Floats:

@@ -9,6 +9,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterable, Sequence
 from typing import Any, TypeVar
 
+from hab_tasks.io.cache import recalled
 from hab_tasks.privileged import Array, CollisionBody
 from hab_tasks.world.scenes.floor import BodyOutline, FreeFloor, body_outline, floor_of
 
@@ -46,16 +47,16 @@ class LayoutMemory:
             placed = zip(states, bodies, poses, strict=True)
             return floor_of([self._outline(*one) for one in placed])
 
-        return _recalled(self._floors, states, make, MOST_FLOORS)
+        return recalled(self._floors, states, make, MOST_FLOORS)
 
     def recall(self, key: Hashable, find: Callable[[], T]) -> T:
         """Returns what `find` found for this key before, or finds it."""
-        return _recalled(self._findings, key, find, MOST_FINDINGS)
+        return recalled(self._findings, key, find, MOST_FINDINGS)
 
     def _outline(
         self, state: BodyState, body: CollisionBody, world_from_body: Array
     ) -> BodyOutline:
-        return _recalled(
+        return recalled(
             self._outlines, state, lambda: body_outline(body, world_from_body), MOST_OUTLINES
         )
 
@@ -66,14 +67,3 @@ def body_states(
     """Returns a key of bodies of `LayoutMemory.bodies`, which never drops any, and their poses."""
     placed = zip(bodies, world_from_body, strict=True)
     return tuple((id(body), pose.tobytes()) for body, pose in placed)
-
-
-def _recalled(kept: OrderedDict[Hashable, T], key: Hashable, make: Callable[[], T], most: int) -> T:
-    """Returns an entry, made if absent; drops the one that was not used for longest."""
-    if key in kept:
-        kept.move_to_end(key)
-        return kept[key]
-    made = kept[key] = make()
-    if len(kept) > most:
-        kept.popitem(last=False)
-    return made

@@ -17,7 +17,7 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
-from hab_tasks.episodes.generators import Made
+from hab_tasks.episodes.generators.base import Made
 from hab_tasks.episodes.schema import EpisodeRequest, EpisodeSet
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource, Progress, open_source
 from hab_tasks.errors import FileError, WorkerError, reported
@@ -61,10 +61,6 @@ class Wanted(NamedTuple):
     count: int
     later: bool = False
 
-    def lacks(self, source: EpisodeSource) -> bool:
-        """Returns whether the cached and included episodes of its source are fewer."""
-        return not source.holds(self.count)
-
 
 class EpisodeMaker:
     """Makes episodes in worker processes until it is ended.
@@ -87,7 +83,8 @@ class EpisodeMaker:
         self._sources = [open_source(one.request) for one in wanted]
         self._workers: dict[Any, Worker] = {}
         sets = list(zip(wanted, self._sources, strict=True))
-        jobs = [(one, writable_dir(source.making)) for one, source in sets if one.lacks(source)]
+        missing = [(one, source) for one, source in sets if not source.holds(one.count)]
+        jobs = [(one, writable_dir(source.making)) for one, source in missing]
         cores = len(os.sched_getaffinity(0))
         for number in range(min(cores, MOST_WORKERS) if jobs else 0):
             worker = Worker(_make_all, jobs, number >= cores - busy)

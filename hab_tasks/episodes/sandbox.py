@@ -20,10 +20,10 @@ from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.scenes.build import to_sapien
 from hab_tasks.world.scenes.floor import FreeFloor, body_points, bounding_ball, distance_along
 from hab_tasks.world.scenes.physics import bare_scene, renew_physics
-from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, matrix
+from hab_tasks.world.scenes.pool import BodyPool, SceneBodies, components, matrix
 from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
 
 LOOSE_SETTLE_S = 5.0
@@ -134,7 +134,7 @@ class PlacementSandbox:
 
     def place(self, name: str, pose: Pose7) -> None:
         """Sets the pose of a movable object, at rest."""
-        _set_pose(self._components[name][1], sapien.Pose(list(pose[:3]), list(pose[3:])))
+        _set_pose(self._components[name][1], to_sapien(pose))
 
     def pose(self, name: str) -> Pose7:
         """Returns the pose of a movable object."""

@@ -1,4 +1,4 @@
-"""Data model of an episode: layout, object poses, robot start and goals; frozen; and requests.
+"""Data model of an episode: layout, object poses, robot start and goals; provenance; requests.
 
 Files are JSON (``.json`` or ``.json.gz``): ``{"schema": 4, "env", "scene_dataset", "made_from",
 "split", "seed", "scenes": {scene_id: {object name: pose}}, "episodes": [...]}``. Poses are
@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import gzip
 import json
+import logging
 import math
 import zlib
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -21,13 +21,16 @@ from typing import Annotated, Any
 import numpy as np
 
 from hab_tasks import option_values
-from hab_tasks.episodes.provenance import MadeFrom
-from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
+from hab_tasks.errors import EpisodeError, OptionError
 from hab_tasks.geometry import Array, Pose7
 from hab_tasks.io.files import written_aside
 from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.typed_values import read_value
+from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset
+from hab_tasks.world.scenes.spec import ObjectTemplate
+
+logger = logging.getLogger(__name__)
 
 
 def _can_turn(pose: Pose7) -> str:
@@ -63,17 +66,35 @@ def load_json(file: Path) -> Any:
         raise EpisodeError(f"{file}: not a valid episode file ({error}).") from error
 
 
-@contextmanager
-def naming(where: str, name: str) -> Iterator[None]:
-    """Adds episode and field to errors about missing, malformed or unknown values."""
-    try:
-        yield
-    except KeyError as error:
-        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
-    except UnknownNameError as error:
-        raise EpisodeError(f"{where}, field {name}: {error}") from error
-    except (LookupError, TypeError, ValueError, AttributeError) as error:
-        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
+EMBEDDED, YCB = "embedded", "ycb"
+
+
+def _is_digest(value: str) -> str:
+    return "" if len(value) == 8 else "8 hexadecimal digits"
+
+
+def _is_kind(value: str) -> str:
+    return "" if value in (EMBEDDED, YCB) else f"{EMBEDDED} or {YCB}"
+
+
+Digest = Annotated[str, _is_digest]
+
+
+@dataclass(frozen=True, kw_only=True)
+class MadeFrom:
+    """Provenance of a set of episodes.
+
+    Attributes:
+        dataset: The scene dataset's fingerprint, 8 hexadecimal digits.
+        objects: The movable objects, `EMBEDDED` or `YCB`.
+        masses: Fingerprint of the objects' names and masses.
+        generator: Version of the generator; None for episodes from other sources.
+    """
+
+    dataset: Digest
+    objects: Annotated[str, _is_kind]
+    masses: Digest
+    generator: int | None
 
 
 SCHEMA = 4
@@ -311,3 +332,55 @@ class EpisodeRequest:
             option_values.path(option, getattr(self, option))
         if self.scene_dataset is None:
             raise OptionError.of_value("scene_dataset", None, "a path or a name")
+
+
+def stable_hash(*names: str) -> int:
+    """Returns a hash of names that is equal on every machine and in every run."""
+    return zlib.crc32("\0".join(names).encode())
+
+
+def made_from(
+    dataset: SceneDataset, objects: Mapping[str, ObjectTemplate], generator: int | None = None
+) -> MadeFrom:
+    """Returns the provenance of episodes in `dataset` with `objects` (name -> template)."""
+    files = (template.visual_file for template in objects.values())
+    ours = embedded_dataset().resolve()
+    embedded = all(file is not None and file.is_relative_to(ours) for file in files)
+    masses = (f"{name} {template.mass_kg}" for name, template in sorted(objects.items()))
+    return MadeFrom(
+        dataset=f"{dataset.fingerprint:08x}",
+        objects=EMBEDDED if embedded else YCB,
+        masses=f"{stable_hash(*masses):08x}",
+        generator=generator,
+    )
+
+
+def check_made_from(where: str, name: str, given: MadeFrom, now: MadeFrom) -> None:
+    """Rejects episodes with other objects; warns if objects or scene dataset have changed.
+
+    `where` is the source of the episodes for messages, `name` their scene dataset and `given` their
+    provenance; `now` is that of episodes generated with the same dataset.
+
+    Raises:
+        EpisodeError: The objects are of another kind.
+    """
+    if given.objects != now.objects:
+        wanted = "the path of the YCB folder" if given.objects == YCB else "nothing"
+        raise EpisodeError(
+            f"{where}: made with the {given.objects} objects, and these are the {now.objects} "
+            f"ones. Give {wanted} for the objects (--objects, objects=)."
+        )
+    changed = [
+        what
+        for what, before, after in (
+            (f"the scene dataset {name}", given.dataset, now.dataset),
+            (f"the {now.objects} objects", given.masses, now.masses),
+        )
+        if before != after
+    ]
+    if changed:
+        logger.warning(
+            "%s: %s changed since these episodes were made; they may not start as they did then.",
+            where,
+            " and ".join(changed) + (" have" if len(changed) > 1 else " has"),
+        )

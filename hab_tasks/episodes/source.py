@@ -13,20 +13,23 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
 from dataclasses import asdict, astuple
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
-from hab_tasks.episodes import generators
-from hab_tasks.episodes.generators import Made, generator_of
-from hab_tasks.episodes.generators.base import Objects
+from hab_tasks.episodes.generators import base
+from hab_tasks.episodes.generators.base import Made, Objects
+from hab_tasks.episodes.generators.rearrange import Rearrange
 from hab_tasks.episodes.made_files import SharedEpisodes
-from hab_tasks.episodes.provenance import check_made_from, made_from, stable_hash
 from hab_tasks.episodes.schema import (
     SCHEMA,
     Episode,
     EpisodeRequest,
     EpisodeSet,
+    check_made_from,
+    made_from,
     read_episodes,
+    stable_hash,
     write_episodes,
 )
 from hab_tasks.errors import EpisodeError, FileError, UnknownNameError
@@ -34,7 +37,7 @@ from hab_tasks.io.cache import find, read_cached, write_cached
 from hab_tasks.io.executors import Executor, LocalExecutor, Task
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
 from hab_tasks.receptacles import UNSEEN_RECEPTACLES
-from hab_tasks.registration import TASKS, imported_id
+from hab_tasks.registration import TASKS, class_of, imported_id
 from hab_tasks.robots.spec import robot_of
 from hab_tasks.world.scenes.habitat.dataset import embedded_dataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
@@ -62,30 +65,35 @@ class EpisodeSource:
         saved: Number of episodes of the set in the cache.
     """
 
+    _make_generator: Callable[..., base.Generator]
+
     def __init__(self, request: EpisodeRequest, folder: Path | None = None) -> None:
         """Reads the data and episodes of a request; processes share new ones in `folder`."""
         if request.novel not in (None, *NOVELTIES):
             raise UnknownNameError("novelty", request.novel, NOVELTIES)
         self.env_id = imported_id(request.env_id)
+        task = TASKS.get(self.env_id)
+        starts = Rearrange if task else class_of(self.env_id).skill.starts
+        self._make_generator = partial(Rearrange, task) if task else starts
         self.file = None if request.file is None else Path(request.file)
         given = None if self.file is None else read_episodes(self.file, self.env_id)
         self.dataset, self.scene_id = resolve_dataset(request.scene_dataset), request.scene
         self.split = self.dataset.resolve_split(request.split, request.scene)
-        self.objects = load_objects(request.objects)
-        self._make_generator, version = generator_of(self.env_id)
-        self.made_from = made_from(self.dataset, self.objects, version)
         if given is not None:
-            where, now = str(self.file), self.made_from
-            check_made_from(where, given.scene_dataset, given.made_from, self.dataset, now)
+            self.dataset.check_made_for(given.scene_dataset, str(self.file))
             for episode in given.episodes:
                 self.dataset.scene_file(episode.scene_id)
+        self.objects = load_objects(request.objects)
+        self.made_from = made_from(self.dataset, self.objects, starts.version)
+        if given is not None:
+            check_made_from(str(self.file), self.dataset.name, given.made_from, self.made_from)
         self._request, self._folder = request, folder
         self.seed, self.novel = request.seed, request.novel
         others = {self.novel, request.robot} - {None, EpisodeRequest.robot}
         self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
-        self._generator: generators.Generator | None = None
+        self._generator: base.Generator | None = None
         self._episodes: dict[int, Episode] = {}
         self._included: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
@@ -299,7 +307,7 @@ class EpisodeSource:
         self._episodes[index] = made.episode
         self.rejections.update(made.rejections)
 
-    def _new_generator(self) -> generators.Generator:
+    def _new_generator(self) -> base.Generator:
         drawn = Objects(
             templates=self.objects,
             names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
@@ -343,9 +351,7 @@ def open_source(request: EpisodeRequest) -> EpisodeSource:
         DatasetError: The dataset is damaged.
         EpisodeError: The episode file is damaged, or for another env.
     """
-    shared = _shared.get()
-    if shared is None:
-        return EpisodeSource(request)
+    shared = _shared.get() or _SharedSources({}, None)
     if request not in shared.sources:
         shared.sources[request] = EpisodeSource(request, shared.folder)
     return shared.sources[request]

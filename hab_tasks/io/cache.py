@@ -12,7 +12,8 @@ import os
 import shutil
 import tempfile
 import zlib
-from collections.abc import Callable
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
 from pathlib import Path
 from typing import TypeVar
 from zipfile import BadZipFile
@@ -152,6 +153,17 @@ def cached_file(name: str, write: Write, check: Callable[[Path], object] | None 
         return path
 
     return cached(name, write, read)
+
+
+def recalled(kept: OrderedDict[Hashable, T], key: Hashable, make: Callable[[], T], most: int) -> T:
+    """Returns an entry in memory, made if absent; drops the one that was not used for longest."""
+    if key in kept:
+        kept.move_to_end(key)
+        return kept[key]
+    made = kept[key] = make()
+    if len(kept) > most:
+        kept.popitem(last=False)
+    return made
 
 
 def say_unwritable(cause: OSError) -> None:

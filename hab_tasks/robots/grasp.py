@@ -72,8 +72,7 @@ class SnapGrasp:
         self._steps_apart = 0
         self._leaving_m: dict[int, float] = {}
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in objects]
-        self._links = [(sapien_object(h.link), sapien.Pose(list(h.offset_m))) for h in handles]
-        self._passage = HandlePassage([link for link, _ in self._links], self._handle_gap_m)
+        self._passage = HandlePassage([handle.body for handle in handles], self._handle_gap_m)
         self._sight = LineOfSight(agent)
         self._tie = Tie(agent, pulls_along=pulls_along)
 
@@ -92,6 +91,7 @@ class SnapGrasp:
 
     def command(self, gripper: float) -> None:
         """Executes the gripper action: >= 0 grasps if the hand is empty, < 0 releases."""
+        # What slipped out is grasped again at once, as long as the action still grasps.
         self.lost = False
         if (gripper >= 0) != self.holding:
             if self.holding:
@@ -141,6 +141,7 @@ class SnapGrasp:
         for index, side_m in self._leaving_m.items():
             leaving_m[0, index] = side_m
         pose = torch.from_numpy(np.concatenate((self._ee_from_object.p, self._ee_from_object.q)))
+        # Of an empty hand, the last pose is left out: equal situations have equal states.
         object_held, handle_held = self.held != NOTHING, self.held_handle != NOTHING
         return {
             "held": torch.tensor([self.held]),
@@ -180,11 +181,6 @@ class SnapGrasp:
         points = [(body.entity_pose * com).p for body, com in self._bodies]
         return np.array(points, dtype=np.float32).reshape(-1, 3)
 
-    def handle_m(self, index: int) -> Floats:
-        """Returns a handle marker (3,) in the world."""
-        link, offset = self._links[index]
-        return (link.entity_pose * offset).p
-
     def _grasp(self) -> None:
         """Grasps the nearest object in range, else the nearest handle."""
         ee_m = self.ee_position_m()
@@ -196,7 +192,7 @@ class SnapGrasp:
                     return
         if self.takes != "objects":
             # In plain numbers, as a hand that wants to grasp asks in every step.
-            gaps_m = [math.dist(ee_m, self.handle_m(i)) for i in range(len(self.handles))]
+            gaps_m = [math.dist(ee_m, handle.pose().p) for handle in self.handles]
             if min(gaps_m, default=math.inf) <= GRASP_RADIUS_M:
                 index = gaps_m.index(min(gaps_m))
                 self._hold_handle(index, self._place_in_ee_m(index))
@@ -236,9 +232,8 @@ class SnapGrasp:
 
     def _place_in_ee_m(self, index: int) -> Floats:
         """Returns a handle's position (3,) in the end-effector's frame."""
-        link, offset = self._links[index]
         world_from_ee = self._hand.entity_pose * self._link_from_ee
-        return np.asarray((world_from_ee.inv() * (link.entity_pose * offset)).p)
+        return np.asarray((world_from_ee.inv() * self.handles[index].pose()).p)
 
     def _lose(self) -> None:
         self._release()
@@ -265,7 +260,7 @@ class SnapGrasp:
         ee_m = self.ee_position_m()
         for index, side_m in list(self._leaving_m.items()):
             body, com = self._bodies[index]
-            if index == self.held:
+            if index == self.held:  # grasped again before it was clear of the hand
                 del self._leaving_m[index]
             elif np.linalg.norm((body.entity_pose * com).p - ee_m) >= side_m:
                 del self._leaving_m[index]

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
+import sapien
 import torch
 from mani_skill.utils.structs import Articulation, Link
 from numpy.typing import NDArray
@@ -27,11 +29,29 @@ class Handle:
     link: Link
     offset_m: tuple[float, float, float]
 
-    @property
+    @cached_property
+    def body(self) -> Any:
+        """SAPIEN's link."""
+        return sapien_object(self.link)
+
+    @cached_property
     def column(self) -> int:
         """Index of the handle's joint in the furniture's active joints."""
         joint: Any = self.link.joint
         return int(joint.active_index[0])
+
+    @cached_property
+    def body_from_handle(self) -> sapien.Pose:
+        """Its pose in the link's frame."""
+        return sapien.Pose(list(self.offset_m))
+
+    def pose(self) -> sapien.Pose:
+        """Returns its current pose in the world, with the axes of the link."""
+        return self.body.entity_pose * self.body_from_handle
+
+    def joint(self) -> float:
+        """Returns its joint's current position [m or rad]."""
+        return float(sapien_object(self.furniture).qpos[self.column])
 
     @property
     def limits(self) -> tuple[float, float]:

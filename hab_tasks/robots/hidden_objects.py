@@ -15,7 +15,7 @@ from hab_tasks.robots.handle import Handle
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
 from hab_tasks.world.scenes.floor import body_points
-from hab_tasks.world.scenes.scene_bodies import read_body
+from hab_tasks.world.scenes.pool import read_body
 
 FURNITURE_KG = 10.0
 """Movable bodies from this mass are furniture: tables and chairs."""
@@ -78,8 +78,7 @@ class _Container:
 
     def __init__(self, kind: ArticulationKind, handle: Handle) -> None:
         self._kind, self._column = kind, handle.column
-        self._furniture: Any = sapien_object(handle.furniture)
-        link: Any = sapien_object(handle.link)
+        self._furniture, link = sapien_object(handle.furniture), handle.body
         # A drawer is its own container; a door closes its parent link.
         self._link = link if link.joint.type == "prismatic" else link.joint.parent_link
         shapes = read_body(self._link.name, "furniture", self._link).shapes

@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.robots.control_modes import within_a_turn
 from hab_tasks.robots.spec import RobotSpec
 
@@ -55,8 +54,7 @@ def base_way(
     robot: RobotSpec, base: NDArray[np.float32], goal: NDArray[np.float32]
 ) -> NDArray[np.float64]:
     """Returns the displacement (3,) towards a base pose that the base's speeds allow."""
-    step_m = robot.base_linear_speed_m_s / CONTROL_HZ
-    step_rad = robot.base_angular_speed_rad_s / CONTROL_HZ
+    step_m, step_rad = robot.base_step_m, robot.base_step_rad
     way = np.subtract(goal, base, dtype=np.float64)
     way[2] = min(max(within_a_turn(way[2]), -step_rad), step_rad)
     way[:2] *= min(1.0, step_m / max(math.hypot(way[0], way[1]), 1e-9))

@@ -93,6 +93,7 @@ class SleepingObjects:
         names = arm_links + spec.body_links if mobile else arm_links
         self._watched = [sapien_object(agent.link(name)) for name in names]
         self._arm = len(arm_links)
+        # In the order of the centres in `_moving_balls`.
         between = [_ARM_RADIUS_M] * (self._arm - 1)
         arm = [_ARM_RADIUS_M] * (self._arm - 1) + [_HAND_RADIUS_M]
         self._link_radius_m = between + arm + [_BODY_RADIUS_M] * (len(names) - self._arm)

@@ -41,6 +41,8 @@ class RobotSpec:
         arm_links: Their child links, in the same order.
         arm_lower_rad: Lower limits; continuous joints are limited to one turn.
         arm_upper_rad: Upper limits.
+        elbow_joint: The one of them from which on the arm extends beyond the base.
+        shoulder_m: About where the arm begins, in the base frame.
         rest_position_m: Resting end-effector in the base frame (E.3).
         rest_qpos_rad: Arm pose with the end-effector there (within 0.1 mm).
         locked_qpos: Joints that the paper does not control -> position [m or rad].
@@ -65,6 +67,8 @@ class RobotSpec:
     arm_links: tuple[str, ...]
     arm_lower_rad: Limits
     arm_upper_rad: Limits
+    elbow_joint: str
+    shoulder_m: Point
     rest_position_m: Point
     rest_qpos_rad: tuple[float, ...]
     locked_qpos: Mapping[str, float]

@@ -57,7 +57,7 @@ def inertia_at(handle: Handle) -> float:
 
     It does not depend on the joint position.
     """
-    link: Any = sapien_object(handle.link)
+    link = handle.body
     if link.joint.type == "prismatic":
         return float(link.mass)
     frame = link.joint.global_pose.to_transformation_matrix()
@@ -65,15 +65,15 @@ def inertia_at(handle: Handle) -> float:
     middle = link.entity_pose * link.cmass_local_pose
     turned = middle.to_transformation_matrix()[:3, :3].T @ axis
     lever_m = np.linalg.norm(np.cross(axis, middle.p - center))
-    point = (link.entity_pose * sapien.Pose(list(handle.offset_m))).p
+    point = handle.pose().p
     inertia_kg_m2 = float(link.inertia @ turned**2) + link.mass * lever_m**2
     return float(inertia_kg_m2 / np.linalg.norm(np.cross(axis, point - center)))
 
 
 def joint_way(handle: Handle, hand_m: Vector) -> float:
     """Returns the joint's way [m or rad] that moves a handle closest to a world point (3,)."""
-    link: Any = sapien_object(handle.link)
-    point = (link.entity_pose * sapien.Pose(list(handle.offset_m))).p
+    link = handle.body
+    point = handle.pose().p
     joint = link.joint
     # In SAPIEN, the joint axis is the x axis of the joint frame.
     frame = joint.global_pose.to_transformation_matrix()
@@ -122,8 +122,7 @@ class Tie:
     def hold_handle(self, handle: Handle, in_ee_m: Floats) -> None:
         """Holds a handle at a position (3,) in the end-effector's frame."""
         self._handle = handle
-        offset = sapien.Pose(list(handle.offset_m))
-        drive = self._connect(self._link_from_ee, sapien_object(handle.link).entity, offset)
+        drive = self._connect(self._link_from_ee, handle.body.entity, handle.body_from_handle)
         if self.pulls_along:  # `pull_along` moves the furniture; the constraint has no spring
             self._inertia = inertia_at(handle)
             return

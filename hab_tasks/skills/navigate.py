@@ -15,13 +15,12 @@ from hab_tasks.engine.rules import weighted_by_path
 from hab_tasks.engine.sensors import IS_HOLDING, POINT
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
-from hab_tasks.episodes.generators import starts_of
 from hab_tasks.episodes.generators.base import Generator, Objects, pose_scene
 from hab_tasks.episodes.sandbox import PlacementSandbox
 from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
 from hab_tasks.errors import RejectedSampleError
 from hab_tasks.instructions import navigation_template
-from hab_tasks.registration import SKILLS
+from hab_tasks.registration import SKILLS, class_of
 from hab_tasks.world.navigation import LayoutMaps
 from hab_tasks.world.scenes.spec import SceneSpec
 
@@ -49,7 +48,7 @@ class NavigateStarts(Generator):
         others = [env_id for env_id in SKILLS if env_id != NAVIGATE_ID]
         skill = others[int(rng.integers(len(others)))]
         if skill not in self._others:
-            self._others[skill] = starts_of(skill)(self.scenes, self.load, self.objects)
+            self._others[skill] = class_of(skill).skill.starts(self.scenes, self.load, self.objects)
         episode = self._others[skill].attempt_for(self, sandbox, rng)
         goal = NavigationGoal(skill=skill, base=episode.robot.base)
         objects = dict(episode.objects)

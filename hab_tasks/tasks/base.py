@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,7 +15,7 @@ from hab_tasks.engine.measures import Tracker
 from hab_tasks.engine.skill_env import Skill
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.errors import UnknownNameError
-from hab_tasks.registration import ENTRY_POINTS, TASK_SKILLS
+from hab_tasks.registration import TASK_SKILLS, class_of
 from hab_tasks.skills.close_drawer import CLOSE_DRAWER
 from hab_tasks.skills.close_fridge import CLOSE_FRIDGE
 from hab_tasks.skills.navigate import NAVIGATE
@@ -186,8 +185,7 @@ def _skill(name: str) -> Skill:
         return SKILLS[name]
     if name not in TASK_SKILLS:
         raise UnknownNameError("skill of tasks", name, (*SKILLS, *TASK_SKILLS))
-    module, _, entry = ENTRY_POINTS[TASK_SKILLS[name]].partition(":")
-    return getattr(importlib.import_module(module), entry).skill
+    return class_of(TASK_SKILLS[name]).skill
 
 
 def _parts(spec: TaskSpec, item: Interaction) -> tuple[Part, Part]:

@@ -77,8 +77,8 @@ class TaskEnv(HabEnv):
     def stage_instruction(self) -> list[str]:
         """Instruction of the first stage that is not reached, one."""
         rules: Any = self.rules
-        reached = int(rules.progress.stages[self._simulation.row])
-        return [stage_instruction(self.task.spec, reached, self._simulation.episode, self.words)]
+        reached = int(rules.progress.stages[self.simulation.row])
+        return [stage_instruction(self.task.spec, reached, self.simulation.episode, self.words)]
 
     def configure(self, changes: Mapping[str, float]) -> None:
         """Overrides weights and thresholds of the task's skills: ``pick.weights.force``."""

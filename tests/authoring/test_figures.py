@@ -14,11 +14,11 @@ from hab_authoring.figures.statistics import (
 )
 from hab_authoring.inventory import macro_layouts, micro_variations
 
-from hab_tasks.episodes.provenance import MadeFrom
 from hab_tasks.episodes.schema import (
     Episode,
     EpisodeSet,
     HandleRef,
+    MadeFrom,
     NavigationGoal,
     Rearrangement,
     RobotStart,

@@ -179,7 +179,7 @@ BAD = {
     "dataset": (
         ["scene_dataset_config"],
         "data/x/replicaCAD.scene_dataset_config.json",
-        "replicaCAD, not for apartment",
+        "made for the scene dataset replicaCAD",
     ),
     "template": (["rigid_objs", 1, 0], "003_cracker.object_config.json", "'003_cracker_box'"),
     "shape": (["rigid_objs", 0, 1], matrix(0, 0, 0)[:3], "(3, 4)"),

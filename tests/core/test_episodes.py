@@ -13,8 +13,7 @@ from hab_tasks.episodes import (
     read_episodes,
     write_episodes,
 )
-from hab_tasks.episodes.provenance import MadeFrom
-from hab_tasks.episodes.schema import HandleRef, NavigationGoal, Rearrangement, RobotStart
+from hab_tasks.episodes.schema import HandleRef, MadeFrom, NavigationGoal, Rearrangement, RobotStart
 from hab_tasks.errors import EpisodeError, UnknownNameError
 
 ENV = "HabPick-v1"

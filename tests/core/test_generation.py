@@ -12,9 +12,8 @@ from builders import table_config, tiny_dataset, write_json
 from start_checks import TASKS, Replay
 
 from hab_tasks.episodes import EpisodeRequest, load_episodes, making, open_source, read_episodes
-from hab_tasks.episodes.generators import starts_of
 from hab_tasks.errors import GenerationError, RejectedSampleError
-from hab_tasks.registration import ENTRY_POINTS
+from hab_tasks.registration import ENTRY_POINTS, class_of
 
 ENV, SEED = "HabPick-v1", 77
 LONG, SLOW = pytest.mark.long, pytest.mark.slow
@@ -122,14 +121,14 @@ def test_a_dataset_without_receptacles_gives_up_and_says_why(tmp_path):
 
 
 def test_refusals_are_told_and_stored(run, monkeypatch, tmp_path):
-    made, left = starts_of(ENV).attempt, ["too hot", "too cold", "too hot"]
+    made, left = class_of(ENV).skill.starts.attempt, ["too hot", "too cold", "too hot"]
 
     def attempt(self, sandbox, rng):
         if left:
             raise RejectedSampleError(left.pop())
         return made(self, sandbox, rng)
 
-    monkeypatch.setattr(starts_of(ENV), "attempt", attempt)
+    monkeypatch.setattr(class_of(ENV).skill.starts, "attempt", attempt)
     request = EpisodeRequest(env_id=ENV, seed=1)
     counted = load_episodes(request, count=1).rejections
     assert (counted["too hot"], counted["too cold"]) == (2, 1)

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from geodesics import geodesic_distance
 
-from hab_tasks.world.navigation import GeodesicDistances, NavigationMap
+from hab_tasks.engine.measures import GeodesicDistances
+from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import floor_between
 
 GOALS = np.array(((5.2, 0.8), (-9.0, 6.0), (2.5, 3.5)))

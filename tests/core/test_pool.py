@@ -10,8 +10,7 @@ from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.objects import load_objects
 from hab_tasks.world.scenes.physics import FLOOR_BIT
-from hab_tasks.world.scenes.pool import BodyPool
-from hab_tasks.world.scenes.scene_bodies import components, matrix
+from hab_tasks.world.scenes.pool import BodyPool, components, matrix
 
 PICKABLES = ("003_cracker_box_:0000", "024_bowl_:0000", "024_bowl_:0001")
 

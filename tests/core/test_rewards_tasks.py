@@ -6,9 +6,8 @@ import torch
 from builders import row
 from rules_harness import FIRST, RulesHarness
 
-from hab_tasks.tasks.set_table import SET_TABLE
+from hab_tasks.tasks.benchmark import SET_TABLE, TIDY_HOUSE
 from hab_tasks.tasks.task_env import env_class
-from hab_tasks.tasks.tidy_house import TIDY_HOUSE
 
 HabSetTableEnv, HabTidyHouseEnv = env_class(SET_TABLE), env_class(TIDY_HOUSE)
 

@@ -184,7 +184,7 @@ def test_a_seed_chooses_the_episode_and_the_later_ones(make):
 def test_the_start_is_the_episodes(make, env_id):
     """Asked for by its index, or itself."""
     env = make(env_id)
-    source = env.unwrapped._simulation.source
+    source = env.unwrapped.simulation.source
     for wish in (2, source.get(5)):
         expected = source.get(wish) if isinstance(wish, int) else wish
         env.reset(options={"episode": wish})
@@ -264,9 +264,9 @@ def test_the_base_turns_and_stands_still_as_the_action_says(make, env_id, mode):
         else:
             action[-1] = share
         for _ in range(6):
-            before = np.asarray(base._simulation.snapshot.base)[0].copy()
+            before = np.asarray(base.simulation.snapshot.base)[0].copy()
             env.step(action)
-        moved = np.asarray(base._simulation.snapshot.base)[0] - before
+        moved = np.asarray(base.simulation.snapshot.base)[0] - before
         assert moved[2] == pytest.approx(turned_rad, rel=0.01, abs=1e-4)
         assert bool(base.agent.controller.stopped) == (share == 0.0)
     assert np.allclose(moved, 0.0, atol=1e-4)

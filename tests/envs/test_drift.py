@@ -32,12 +32,12 @@ pytestmark = [pytest.mark.slow]
 
 def step_info(base, force_n=0.0):
     """Joints of robot (J,) and furniture (F,), places of the objects (M, 3), and any contact."""
-    objects = base._simulation.scene_bodies.movable.values()
+    objects = base.simulation.scene_bodies.movable.values()
     return {
         "robot": base.agent.robot.get_qpos()[0].numpy().copy(),
         "furniture": np.concatenate([np.zeros(0), *joints(base).values()]),
         "objects_m": np.stack([actor.pose.p[0].numpy().copy() for actor in objects]),
-        "touching": bool(base._simulation.grasp.holding) or float(force_n) > 0,
+        "touching": bool(base.simulation.grasp.holding) or float(force_n) > 0,
     }
 
 

@@ -8,7 +8,7 @@ from playing import held, put, still
 def in_hand(env):
     """The held object's pose (7,) in the hand."""
     base = env.unwrapped
-    grasp = base._simulation.grasp
+    grasp = base.simulation.grasp
     pose = base.agent.ee_link.pose.inv() * grasp.objects[grasp.held].pose
     return pose.raw_pose[0].numpy()
 
@@ -28,7 +28,7 @@ def carrying(make, request):
 
 
 def base_of(env):
-    return np.asarray(env.unwrapped._simulation.snapshot.base)[0].copy()
+    return np.asarray(env.unwrapped.simulation.snapshot.base)[0].copy()
 
 
 def test_what_is_held_comes_along(carrying):

@@ -108,7 +108,7 @@ def test_scene_key_and_segmentation_name_what_is_shown(make, episodes, env_id):
         start(env, episode)
         keys.append(base.privileged()[0].scene_key)
         assert base.privileged()[0].scene_key == keys[-1]
-        shown = base._simulation.scene_bodies
+        shown = base.simulation.scene_bodies
         actors = {**shown.static, **shown.movable, shown.stage.name: shown.stage}
         expected = {actor._objs[0].per_scene_id: name for name, actor in actors.items()}
         for piece in (base.agent.robot, *shown.articulations.values()):
@@ -159,7 +159,7 @@ def test_a_layout_looks_the_same_when_it_comes_again(make, episodes):
             lamps = [
                 part for part in parts if isinstance(part, sapien.render.RenderPointLightComponent)
             ]
-            spec = env.unwrapped._simulation.scene_bodies.spec
+            spec = env.unwrapped.simulation.scene_bodies.spec
             assert len(lamps) == min(len(spec.lights), MAX_LIGHTS) > 0
         pictures.append(obs["sensor_data"])
     for name, images in pictures[0].items():

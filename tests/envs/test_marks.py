@@ -16,7 +16,7 @@ def test_marks_are_in_a_persons_picture_and_not_in_the_agents(make):
     for env in (shown, plain):
         env.reset(seed=0)
     base = shown.unwrapped
-    world = base._simulation
+    world = base.simulation
     target, goal = marked_points(world)
     np.testing.assert_allclose(target[1], world.snapshot.objects_m[0][0], atol=1e-6)
     np.testing.assert_allclose(goal[1], world.goals.goals_m[0][0], atol=1e-6)

@@ -158,12 +158,12 @@ def test_another_agent_drives_until_it_stops(started, monkeypatch):
 @pytest.mark.parametrize("frame", ["base", "ee"])
 def test_its_observation_is_that_of_navigate(started, frame):
     env, robot, _ = started("HabNavigate-v1", "base")
-    goals = env.unwrapped._simulation.goals
+    goals = env.unwrapped.simulation.goals
     told = observation(robot, np.asarray(goals.goals_m[0, 0], dtype=float), frame)
     if frame == "base":
         extra = robot.obs["extra"]
     else:
         entry = POINT.in_ee
-        extra = {entry.name: to_tensor(entry.read(env.unwrapped._simulation.snapshot, None, goals))}
+        extra = {entry.name: to_tensor(entry.read(env.unwrapped.simulation.snapshot, None, goals))}
     expected = {"agent": robot.obs["agent"], "extra": extra}
     assert same({group: told[group] for group in expected}, expected, atol=1e-4)

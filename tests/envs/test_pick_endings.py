@@ -72,7 +72,7 @@ def test_privileged_state_is_the_simulators(make):
     env.step(ee_grip(env))
     base = env.unwrapped
     (state,) = base.privileged()
-    bodies = base._simulation.scene_bodies
+    bodies = base.simulation.scene_bodies
     assert state.targets == (state.held,) == (episode.target,)
     assert set(state.object_com_m) == set(bodies.pickables) == set(episode.objects)
     links = {f"hab_fetch/{link.name}": link for link in base.agent.robot.links}

@@ -85,14 +85,14 @@ def test_leaving_the_region_before_the_fridge_ends_the_episode(make, env_id):
     """0.933 to 1.833 m before the fridge, 0.6 m to either side."""
     env = start(make, env_id)
     base = env.unwrapped
-    fridge = base._simulation.grasp.handles[base.simulation.handles[0]].furniture
+    fridge = base.simulation.grasp.handles[base.simulation.handles[0]].furniture
     pose = fridge.pose.to_transformation_matrix()[0].numpy()
     ahead = pose[:2, 0] / np.linalg.norm(pose[:2, 0])
     back = still(env)
     back[-2] = -1.0
     for _ in range(60):
         over, terms = ended(step := env.step(back))
-        offset = np.asarray(base._simulation.snapshot.base)[0, :2] - pose[:2, 3]
+        offset = np.asarray(base.simulation.snapshot.base)[0, :2] - pose[:2, 3]
         x, y = offset @ ahead, offset @ (-ahead[1], ahead[0])
         inside = 0.933 <= x <= 1.833 and -0.6 <= y <= 0.6
         assert over == (not inside), (x, y)
@@ -121,7 +121,7 @@ def test_a_front_is_done_where_the_skill_says(make, env_id, just, not_yet):
         state["hab"]["tracker"]["grabbed_before"][:] = True
         base.set_state_dict(state)
         step = env.step(still(env))
-        assert float(base._simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=2e-3)
+        assert float(base.simulation.snapshot.joints[0, 0]) == pytest.approx(position, abs=2e-3)
         over, terms = ended(step)
         assert bool(step[-1]["success"]) == over == done
         assert terms["success"] == 10.0 * done

@@ -23,12 +23,12 @@ def take(env):
     """Takes the target or the handle of an open door in the hand, by way of the simulator."""
     base = env.unwrapped
     if base.requirements.takes == "handles":
-        handle_m = np.asarray(base._simulation.snapshot.handles_m)[0, 0]
+        handle_m = np.asarray(base.simulation.snapshot.handles_m)[0, 0]
         reach(env, handle_m, 1.0, steps=60, within_m=0.02)
     elif base.episode[0].held is None:
         put(env, base.episode[0].targets[0].object, (0.0, 0.0, -0.14))
         env.step(ee_grip(env))
-    assert bool(base._simulation.grasp.holding)
+    assert bool(base.simulation.grasp.holding)
 
 
 def assert_same_runs(first, second):
@@ -56,7 +56,7 @@ def test_the_continuation_equals_the_original(make, env_id, situation):
         play(env, actions(env, 5, seed=7, gripper=1.0))
     else:
         play(env, actions(env, 10, gripper=1.0 if env_id == "HabPlace-v1" else -1.0))
-    grasp = env.unwrapped._simulation.grasp
+    grasp = env.unwrapped.simulation.grasp
 
     def grasped():
         index, handle = grasp.held, grasp.held_handle
@@ -124,7 +124,7 @@ def test_a_tasks_progress_is_restored(make, env_id):
     name = next(name for name, condition in base.task.stages.items() if condition.held)
     if base.requirements.articulations:
         state = base.get_state_dict()
-        move_joint(state, env, 0, float(base._simulation.goals.joint_upper[0, 0]))
+        move_joint(state, env, 0, float(base.simulation.goals.joint_upper[0, 0]))
         base.set_state_dict(state)
         env.step(ee_grip(env, -1.0))
     put(env, base.episode[0].targets[0].object, (0.0, 0.0, -0.14))

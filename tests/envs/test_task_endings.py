@@ -41,7 +41,7 @@ def bring(env, number):
     base = env.unwrapped
     target = base.episode[0].targets[number]
     state = base.get_state_dict()
-    actor = base._simulation.scene_bodies.pickables[target.object]
+    actor = base.simulation.scene_bodies.pickables[target.object]
     state["actors"][actor.name][0, :7] = torch.tensor(target.world_from_goal)
     state["actors"][actor.name][0, 7:] = 0.0
     base.set_state_dict(state)
@@ -55,7 +55,7 @@ def bring(env, number):
 def slide(env, number, share):
     """Puts a door or drawer at a share of its travel."""
     base = env.unwrapped
-    goals = base._simulation.goals
+    goals = base.simulation.goals
     lower, upper = float(goals.joint_lower[0, number]), float(goals.joint_upper[0, number])
     state = base.get_state_dict()
     move_joint(state, env, number, lower + share * (upper - lower))
@@ -153,7 +153,7 @@ def test_what_is_shut_in_cannot_be_grasped(make, number):
     """The bowl in the closed drawer and the apple in the closed fridge, and open ones can be."""
     for open_share in (0.0, 0.9):
         env = start(make, "HabSetTable-v1")
-        base, world = env.unwrapped, env.unwrapped._simulation
+        base, world = env.unwrapped, env.unwrapped.simulation
         name = base.episode[0].targets[number].object
         # The hand goes to the object through whatever is between, and grasps without physics.
         gap = base.privileged()[0].object_com_m[name] - np.asarray(world.snapshot.ee_m)[0]

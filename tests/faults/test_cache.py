@@ -14,7 +14,7 @@ from refusals import check_each
 
 from hab_tasks.io import cache
 from hab_tasks.io.cache import cache_dir, cached
-from hab_tasks.world.scenes import mesh_checks, meshes
+from hab_tasks.world.scenes import meshes
 
 
 @pytest.fixture(autouse=True)
@@ -32,7 +32,7 @@ def use(folder, monkeypatch):
 
 
 def forget():
-    for known in (mesh_checks.check_mesh, meshes.check_any_mesh, meshes.parts_volume):
+    for known in (meshes.check_mesh, meshes.check_any_mesh, meshes.parts_volume):
         known.cache_clear()
     meshes.mesh_bounds.cache_clear()
     meshes.content_key.cache_clear()

@@ -29,8 +29,8 @@ from hab_tasks.cli import main
 from hab_tasks.object_names import ALL_OBJECTS
 from hab_tasks.world.scenes.habitat.dataset import LayoutSet, SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
-from hab_tasks.world.scenes.meshes import textured_glb
 from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.visuals import textured_glb
 
 CAN = ALL_OBJECTS[0]
 CAN_URDF = f"""<robot name="can"><link name="can">

@@ -14,11 +14,17 @@ from numpy.typing import NDArray
 
 from hab_experts.door import door_motion
 from hab_experts.drawer import drawer_motion
+from hab_experts.follower import ShortestPathFollower
 from hab_experts.pick import pick_motion
 from hab_experts.place import place_motion
+from hab_tasks.arrays import norm
+from hab_tasks.articulations import FRIDGE
+from hab_tasks.engine.episode_simulation import EpisodeSimulation
+from hab_tasks.engine.goals import frame_of
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.episodes import Episode
-from hab_tasks.world.navigation import ShortestPathFollower
+from hab_tasks.episodes.schema import ReceptacleRef
+from hab_tasks.receptacles import CONTAINERS
 
 SKILLS = {
     "pick_action": ("pick",),
@@ -43,8 +49,8 @@ def pick_action(env: SkillEnv) -> NDArray[np.float32]:
     action = pick_motion(
         simulation.snapshot,
         holds=simulation.held_name() == target.object,
-        nearest=simulation.truth.nearest_object() == target.object,
-        fridge=simulation.truth.fridge_around(target.start),
+        nearest=_nearest_object(simulation) == target.object,
+        fridge=fridge_around(simulation, target.start),
     )
     return action.astype(np.float32)[None]
 
@@ -60,7 +66,7 @@ def place_action(env: SkillEnv) -> NDArray[np.float32]:
         simulation.snapshot,
         np.array(simulation.goals.goals_m[0, 0].tolist()),
         holds=simulation.held_name() == target.object,
-        fridge=simulation.truth.fridge_around(target.goal),
+        fridge=fridge_around(simulation, target.goal),
     )
     return action.astype(np.float32)[None]
 
@@ -109,6 +115,21 @@ def _follower(env: SkillEnv, repeat: int) -> ShortestPathFollower:
         follower = ShortestPathFollower(map_, goal, repeat * env.robot.base_step_rad)
         _followers[env] = found = episode, follower
     return found[1]
+
+
+def fridge_around(
+    simulation: EpisodeSimulation, receptacle: ReceptacleRef | None
+) -> NDArray[np.float64] | None:
+    """Returns x, y [m] and yaw [rad] of the fridge's frame if a receptacle is in it, else None."""
+    if receptacle is None or CONTAINERS.get(receptacle[0]) != FRIDGE.name:
+        return None
+    return np.array(frame_of(next(h for h in simulation.grasp.handles if h.name == FRIDGE.marker)))
+
+
+def _nearest_object(simulation: EpisodeSimulation) -> str:
+    """Returns the name of the movable object whose centre of mass is nearest to the hand."""
+    gaps_m = simulation.grasp.objects_com_m() - simulation.grasp.ee_position_m()
+    return list(simulation.scene_bodies.movable)[int(norm(gaps_m).argmin())]
 
 
 def _opens(env: SkillEnv) -> bool:

@@ -12,6 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
+from hab_experts.follower import ShortestPathFollower
 
 from hab_navigator.belief import GoalBelief, NearSpace, Reach
 from hab_navigator.network import GoalNetwork
@@ -21,7 +22,6 @@ from hab_navigator.views import View, inputs
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
 from hab_tasks.robots.spec import RobotSpec
-from hab_tasks.world.navigation import ShortestPathFollower
 
 REPEAT = 4
 """Steps for which each action is executed."""

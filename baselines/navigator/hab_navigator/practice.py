@@ -10,13 +10,14 @@ from typing import Any
 
 import gymnasium as gym
 import numpy as np
+from hab_ppo.rows import VectorRows
 from numpy.typing import NDArray
 from torch import Tensor
 
 from hab_navigator.lessons import Lessons
 from hab_navigator.navigator import REPEAT, Navigator, goal_in_map
 from hab_navigator.network import GoalNetwork, load
-from hab_tasks.engine.rollout import EndRolloutError, Job, VectorRows, flag, play
+from hab_tasks.engine.rollout import EndRolloutError, Job, flag, play
 from hab_tasks.envs import ENVS
 from hab_tasks.robots.control_modes import STOP_CELL
 from hab_tasks.skills.navigate import NAVIGATE_ID

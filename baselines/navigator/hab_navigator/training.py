@@ -14,6 +14,7 @@ import torch
 from hab_eval.records.provenance import device, git_commit
 from hab_ppo import checkpoint
 from hab_ppo.checkpoint import PolicyFileError
+from hab_ppo.distributed import compute_threads
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import MOST_EPISODES, MOST_RANKS, MOST_ROWS
 
@@ -25,7 +26,6 @@ from hab_tasks.episodes import EpisodeMaker, EpisodeRequest, Wanted
 from hab_tasks.io.console import tell
 from hab_tasks.io.files import check_folder
 from hab_tasks.io.pool import WorkerPool, in_order
-from hab_tasks.io.threads import compute_threads
 from hab_tasks.option_values import LARGEST_SEED, whole
 from hab_tasks.skills.navigate import NAVIGATE_ID
 

@@ -9,8 +9,7 @@ from hab_plans.problem import ACTION_OF, ROOM, SPAWN, spec_of, thing
 from hab_tasks.task_spec import (
     Interaction,
     TaskSpec,
-    container_at_goal,
-    container_at_start,
+    behind,
     interactions,
 )
 
@@ -104,10 +103,10 @@ def _action(spec: TaskSpec, item: Interaction) -> tuple[str, Action]:
     name = thing(target.name)
     goal = f"{name}-goal"
     if item.kind == "pick":
-        container = container_at_start(spec, target) or ROOM
+        container = behind(spec, target.start) or ROOM
         return name, Action(name="pick", things=(name, container))
     if item.kind == "place":
-        container = container_at_goal(spec, target) or ROOM
+        container = behind(spec, spec.goal_of(target)) or ROOM
         if target.inside is None:
             return goal, Action(name="place", things=(name, goal, container))
         other = thing(target.inside)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from hab_tasks.errors import HabError
 from hab_tasks.registration import TASKS, imported_id
-from hab_tasks.task_spec import TaskSpec, container_at_goal, container_at_start
+from hab_tasks.task_spec import TaskSpec, behind
 
 if TYPE_CHECKING:
     from hab_tasks.agent import AgentSetup
@@ -138,7 +138,7 @@ def things(spec: TaskSpec) -> tuple[str, ...]:
 
 def goal_container(spec: TaskSpec, number: int) -> str:
     """Returns the container of a target's goal."""
-    return container_at_goal(spec, spec.targets[number]) or ROOM
+    return behind(spec, spec.goal_of(spec.targets[number])) or ROOM
 
 
 def spec_of(reference: str) -> TaskSpec:
@@ -177,7 +177,7 @@ def problem_of(reference: str) -> TaskProblem:
     goals = {item: f"{item}-goal" for item in items}
     start: set[Atom] = {("at-robot", SPAWN), ("hand-empty",), ("is-open", ROOM)}
     for number, (item, target) in enumerate(zip(items, spec.targets, strict=True)):
-        start.add(("in", item, container_at_start(spec, target) or ROOM))
+        start.add(("in", item, behind(spec, target.start) or ROOM))
         start.add(("goal-in", goals[item], goal_container(spec, number)))
         if target.inside is None:
             start.add(("free-standing", goals[item]))

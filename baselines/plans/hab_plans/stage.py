@@ -7,7 +7,7 @@ from typing import Literal
 
 from hab_plans.plan import Action
 from hab_plans.problem import ROOM, things
-from hab_tasks.task_spec import TaskSpec, container_at_goal, container_at_start, interactions
+from hab_tasks.task_spec import TaskSpec, behind, interactions
 from hab_tasks.tasks.base import Condition, Task
 
 
@@ -54,7 +54,7 @@ def stage_of(task: Task, action: Action) -> Stage:
     if action.verb in ("open", "close"):
         articulation = spec.articulations.index(action.things[0])
         number = _object_behind(spec, action)
-        inside = container_at_start(spec, spec.targets[number]) == action.things[0]
+        inside = behind(spec, spec.targets[number].start) == action.things[0]
     else:
         number = things(spec).index(action.things[0])
         inside = action.verb == "pick"
@@ -87,12 +87,12 @@ def _object_behind(spec: TaskSpec, action: Action) -> int:
     users = [
         number
         for number, target in enumerate(spec.targets)
-        if name in (container_at_start(spec, target), container_at_goal(spec, target))
+        if name in (behind(spec, target.start), behind(spec, spec.goal_of(target)))
     ]
     return users[-1] if users else 0
 
 
 def _drawer(spec: TaskSpec, number: int) -> int | None:
     """Returns the number of the drawer in which an object starts, if the task moves it."""
-    name = container_at_start(spec, spec.targets[number])
+    name = behind(spec, spec.targets[number].start)
     return spec.articulations.index(name) if name == "drawer" else None

@@ -17,7 +17,8 @@ from hab_ppo.distributed import Ranks
 from hab_ppo.network import Policy
 from hab_ppo.observation import Observation
 from hab_ppo.rollout import Rollout
-from hab_tasks.engine.rollout import Outcome, VectorRows
+from hab_ppo.rows import VectorRows
+from hab_tasks.engine.rollout import Outcome
 
 EPISODE_SUMS = ("episodes", "successes", "return", "length")
 """Sums over finished episodes; how many of them reached each stage of a task follows."""

@@ -25,17 +25,16 @@ from hab_ppo.actions import ActionNoise
 from hab_ppo.agent import WEIGHTS, LoadedPolicy, load_policy, weights_file
 from hab_ppo.checkpoint import PolicyFileError
 from hab_ppo.cloning import Fit, clone
-from hab_ppo.distributed import Ranks
+from hab_ppo.distributed import Ranks, compute_threads
 from hab_ppo.examples import Examples, compact
 from hab_ppo.network import Policy
 from hab_ppo.observation import Observation
 from hab_ppo.progress import WriteLine
 from hab_ppo.recipe import Distillation, EnvConfig, RecipeError
-from hab_ppo.rows import Student
+from hab_ppo.rows import Student, VectorRows
 from hab_tasks.agent_spaces import agent_setup
-from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, VectorRows, play
+from hab_tasks.engine.rollout import EndRolloutError, Job, Outcome, play
 from hab_tasks.envs import ENVS
-from hab_tasks.io.threads import compute_threads
 from hab_tasks.registration import imported_id
 
 

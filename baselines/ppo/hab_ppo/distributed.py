@@ -16,7 +16,8 @@ import socket
 import sys
 import time
 import uuid
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from datetime import timedelta
 
 import torch
@@ -322,3 +323,14 @@ def use_loopback() -> str:
         os.environ.setdefault(variable, interface)
     rendezvous_handler_registry.register(BACKEND, _handler)
     return BACKEND
+
+
+@contextmanager
+def compute_threads(count: int) -> Iterator[None]:
+    """Lets PyTorch compute in so many threads for a while."""
+    before = torch.get_num_threads()
+    torch.set_num_threads(count)
+    try:
+        yield
+    finally:
+        torch.set_num_threads(before)

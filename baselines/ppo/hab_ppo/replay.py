@@ -24,8 +24,8 @@ from hab_ppo.examples import Examples
 from hab_ppo.network import Policy
 from hab_ppo.observation import Observation, ObservationLayout
 from hab_ppo.retiming import Follower, Stretch
-from hab_ppo.rows import Student
-from hab_tasks.engine.rollout import EndRolloutError, EnvRow, Job, VectorRows, flag, play, play_one
+from hab_ppo.rows import Student, VectorRows
+from hab_tasks.engine.rollout import EndRolloutError, EnvRow, Job, flag, play, play_one
 from hab_tasks.episodes import Episode
 
 DRIVING_MODE = "ee_base"

@@ -80,8 +80,8 @@ class MotionRecorder:
 
     def reset(self, job: Job, seen: StepInfo) -> None:
         """Starts a motion with the bodies of the new scene."""
+        from hab_tasks.engine.ray_sensors import visible_bodies
         from hab_tasks.engine.viewpoint import marked_points  # loads the simulator
-        from hab_tasks.engine.visible_bodies import visible_bodies
 
         env = self._env
         self._rays = None

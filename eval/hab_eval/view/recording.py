@@ -14,8 +14,8 @@ from hab_eval.run.motion import Motion
 from hab_eval.view.panels import Panels
 from hab_tasks.arrays import Floats
 from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.engine.ray_sensors import ROBOT
 from hab_tasks.engine.viewpoint import arrow_mesh
-from hab_tasks.engine.visible_bodies import ROBOT
 from hab_tasks.geometry import planar
 from hab_tasks.world.raycast.library import mesh_of
 from hab_tasks.world.scenes.visuals import Visual

@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-import fast_simplification
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
@@ -20,8 +19,8 @@ from trimesh.visual import TextureVisuals
 from trimesh.visual.material import PBRMaterial
 
 from hab_tasks.io.cache import cached_file
-from hab_tasks.world.scenes.mesh_checks import check_mesh
-from hab_tasks.world.scenes.meshes import content_key
+from hab_tasks.world.scenes.meshes import check_mesh, content_key
+from hab_tasks.world.scenes.visuals import simplified
 
 TRIANGLES_PER_LINK = 500
 _PALETTE_STEPS = 4
@@ -110,9 +109,4 @@ def _decimate(mesh: trimesh.Trimesh, keep: float) -> trimesh.Trimesh:
     plain = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
     if keep >= 1.0 or len(plain.faces) < 24:
         return plain
-    vertices: Any = plain.vertices.astype(np.float32)
-    simplified = fast_simplification.simplify(
-        vertices, plain.faces.astype(np.int32), target_reduction=1 - keep
-    )
-    points, faces = simplified[:2]
-    return trimesh.Trimesh(points, faces, process=False)
+    return trimesh.Trimesh(*simplified(plain, keep), process=False)

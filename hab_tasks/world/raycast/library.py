@@ -6,8 +6,6 @@ pose of its own. Triangles are those that the renderer would draw.
 
 from __future__ import annotations
 
-import json
-import struct
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -20,11 +18,8 @@ from numpy.typing import NDArray
 from hab_tasks.geometry import to_matrix
 from hab_tasks.world.raycast.compiled import kernel
 from hab_tasks.world.scenes.fields import read_bytes
-from hab_tasks.world.scenes.meshes import read_mesh
+from hab_tasks.world.scenes.meshes import glb_document, read_mesh
 from hab_tasks.world.scenes.visuals import Visual, Visuals
-
-_GLB_HEADER = "<4sII"
-_CHUNK_HEADER = "<II"
 
 
 class Mesh(NamedTuple):
@@ -94,13 +89,9 @@ def _two_sided(file: Path) -> list[bool]:
     """Returns whether the material of each of a GLB's primitives is double-sided."""
     if file.suffix.lower() != ".glb":
         return []
-    data = read_bytes(file)
-    start = struct.calcsize(_GLB_HEADER)
-    length, _ = struct.unpack_from(_CHUNK_HEADER, data, start)
-    start += struct.calcsize(_CHUNK_HEADER)
-    header = json.loads(data[start : start + length])
-    materials = header.get("materials", [])
-    numbers = [p.get("material") for mesh in header["meshes"] for p in mesh["primitives"]]
+    document, _ = glb_document(file, read_bytes(file))
+    materials = document.get("materials", [])
+    numbers = [p.get("material") for mesh in document["meshes"] for p in mesh["primitives"]]
     return [n is not None and bool(materials[n].get("doubleSided", False)) for n in numbers]
 
 

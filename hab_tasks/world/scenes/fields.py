@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.typed_values import number
@@ -209,6 +210,18 @@ def read_json(file: Path) -> dict[str, Any]:
     if not isinstance(value, dict):
         raise DatasetError(f"{file}: expected a JSON object, found {type(value).__name__}.")
     return value
+
+
+def read_urdf(file: Path) -> ElementTree.Element:
+    """Reads a URDF without validation of its content.
+
+    Raises:
+        DatasetError: It is absent or no XML.
+    """
+    try:
+        return ElementTree.fromstring(read_bytes(file))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise DatasetError(f"{file}: not a valid URDF ({error}).") from error
 
 
 def read_bytes(file: Path) -> bytes:

@@ -22,7 +22,7 @@ from hab_tasks.simulator import rigid_body, sapien_object
 from hab_tasks.world.scenes.build import BodyBuilder
 from hab_tasks.world.scenes.floor import body_points, footprints
 from hab_tasks.world.scenes.physics import bare_scene
-from hab_tasks.world.scenes.scene_bodies import matrix, read_body
+from hab_tasks.world.scenes.pool import matrix, read_body
 from hab_tasks.world.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec, Stage
 
 STAGE = "stage"

@@ -1,40 +1,50 @@
-"""Mesh files: bounds, convex parts and light copies, kept in the cache by content.
+"""Mesh files: validation, bounds and convex parts, kept in the cache by content.
 
-The user's dataset is never written to. Decimation preserves textures: it moves vertices across the
-seams of a texture atlas, which smears it, so every remaining triangle is assigned to the atlas
-chart nearest to its centre, and its corners take the coordinates of the chart's nearest vertices.
+The user's dataset is never written to. The engine only logs unreadable meshes and continues with a
+body without collisions, so every buffer, accessor, node and vertex of a GLB is checked first. It is
+mapped into memory, and only its document, vertices and indices are read: a few milliseconds.
 """
 
 from __future__ import annotations
 
 import hashlib
+import json
+import mmap
+import struct
 from collections.abc import Callable
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any
 
-import fast_simplification
 import numpy as np
 import trimesh
-from PIL import Image, ImageDraw
-from scipy import ndimage
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
-from scipy.spatial import KDTree, QhullError
-from trimesh.visual import TextureVisuals
-from trimesh.visual.material import PBRMaterial
+from numpy.typing import NDArray
+from scipy.spatial import QhullError
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.io.cache import cached, cached_file
-from hab_tasks.world.scenes.fields import read_bytes
-from hab_tasks.world.scenes.mesh_checks import LARGEST_M, check_mesh
-
-TEXTURE_SIZE_PX = 512
-TEXTURED_TRIANGLES = 1500
-"""YCB's scans have 16,384 triangles each, more than a furnished room."""
+from hab_tasks.io.cache import cached
+from hab_tasks.world.scenes.fields import check_file, read_bytes
 
 SINGLE_HULL_EXCESS = 1.15
 """A decomposition whose common hull is at most this much larger than its parts becomes one hull."""
+
+COMPONENTS = {5120: "i1", 5121: "u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+"""glTF component type -> numpy dtype."""
+
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT2": 4, "MAT3": 9, "MAT4": 16}
+"""glTF element type -> number of components."""
+
+POSE = {"matrix": 16, "translation": 3, "rotation": 4, "scale": 3}
+"""Pose entry of a node -> number of values."""
+
+LARGEST_M = 1e4
+"""Maximum distance of a vertex to the mesh's origin."""
+
+_HEADER_BYTES, _CHUNK_BYTES = 12, 8
+_JSON, _BINARY = b"JSON", b"BIN\0"
+_TRIANGLES = 4
+_MALFORMED = (struct.error, ValueError, LookupError, TypeError, AttributeError, OverflowError)
+"""Exceptions raised on using values of the wrong type."""
 
 
 @lru_cache(maxsize=1024)
@@ -101,45 +111,6 @@ def parts_file(file: Path) -> tuple[Path, float]:
     return cached(f"parts/{content_key(file)}.glb", write, read)
 
 
-def textured_glb(file: Path) -> Path:
-    """Returns a light GLB copy of a textured OBJ: `TEXTURED_TRIANGLES`, `TEXTURE_SIZE_PX`.
-
-    YCB's material files name ``texture_map.jpg`` with a blank behind it, which SAPIEN takes for
-    part of the name; and a texture of 4096 pixels for a tin costs more memory than the whole room.
-    """
-
-    def write(path: Path) -> None:
-        mesh, image = read_textured(file)
-        image.thumbnail((2 * TEXTURE_SIZE_PX, 2 * TEXTURE_SIZE_PX))
-        image = fill_background(image, mesh)
-        image.thumbnail((TEXTURE_SIZE_PX, TEXTURE_SIZE_PX))
-        mesh.visual.material = PBRMaterial(
-            baseColorTexture=image, metallicFactor=0.0, roughnessFactor=0.7
-        )
-        light = decimate_textured(mesh, TEXTURED_TRIANGLES)
-        path.write_bytes(light.export(file_type="glb"))
-
-    key = f"{content_key(file)}-{TEXTURE_SIZE_PX}-{TEXTURED_TRIANGLES}"
-    return cached_file(f"visual/{key}.glb", write, check_mesh)
-
-
-def read_textured(file: Path) -> tuple[Any, Image.Image]:
-    """Reads an OBJ with one texture; returns the mesh, vertices doubled along seams, and its image.
-
-    Raises:
-        DatasetError: The mesh, its material or its image is absent or damaged.
-    """
-    mesh: Any = _loaded(file, partial(trimesh.load_mesh, process=False))
-    image: Any = getattr(getattr(mesh.visual, "material", None), "image", None)
-    # Where there is none, trimesh puts an empty image that comes from no file.
-    if getattr(image, "format", None) is None or getattr(mesh.visual, "uv", None) is None:
-        raise DatasetError(f"{file}: its material or texture is absent or cannot be read.")
-    try:
-        return mesh, image.convert("RGB")
-    except (OSError, SyntaxError, ValueError) as error:
-        raise DatasetError(f"{file}: its texture cannot be read ({error}).") from error
-
-
 @lru_cache(maxsize=1024)
 def parts_volume(file: Path) -> float:
     """Returns the summed volume [m^3] of the convex parts in a mesh file."""
@@ -163,10 +134,11 @@ def read_mesh(file: Path, *, process: bool = True) -> trimesh.Scene:
     if process and file.suffix.lower() != ".glb":
         read_mesh(file, process=False)  # corners that are not finite would be left out
     options = {"skip_materials": True, "process": process}
-    return _loaded(file, partial(trimesh.load_scene, **options))
+    return loaded_mesh(file, partial(trimesh.load_scene, **options))
 
 
-def _loaded(file: Path, load: Callable[[Path], Any]) -> Any:
+def loaded_mesh(file: Path, load: Callable[[Path], Any]) -> Any:
+    """Returns what one of trimesh's readers makes of a file; raises as `read_mesh` does."""
     check_mesh(file)
     try:
         found = load(file)
@@ -179,62 +151,156 @@ def _loaded(file: Path, load: Callable[[Path], Any]) -> Any:
     return found
 
 
-_APART_M = 100.0
-"""Distance put between charts so that a search stays within one of them."""
+@lru_cache(maxsize=4096)
+def check_mesh(file: Path) -> None:
+    """Raises DatasetError when a mesh file is absent or empty, or a GLB cannot be read."""
+    size = check_file(file)
+    if size == 0:
+        raise DatasetError(f"{file}: the file is empty.")
+    if file.suffix.lower() != ".glb":
+        return
+    with file.open("rb") as stream, mmap.mmap(stream.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        try:
+            _check_glb(file, data)
+        except _MALFORMED as error:
+            raise DatasetError(f"{file}: damaged ({type(error).__name__}: {error}).") from error
+        except RecursionError as error:
+            raise DatasetError(f"{file}: damaged (its document is nested too deep).") from error
 
 
-def decimate_textured(mesh: Any, triangles: int) -> Any:
-    """Returns a copy of a textured trimesh mesh with at most about `triangles` faces.
-
-    Its `visual` has `uv` and `material`, and its vertices are doubled along seams.
-    """
-    if len(mesh.faces) <= triangles:
-        return mesh
-    welded = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
-    corners_m: Any = welded.vertices.astype(np.float32)
-    simplified = fast_simplification.simplify(
-        corners_m,
-        welded.faces.astype(np.int32),
-        target_reduction=1.0 - triangles / len(welded.faces),
-    )
-    points, faces = simplified[:2]
-    vertices, uv = np.asarray(mesh.vertices), np.asarray(mesh.visual.uv)
-    charts = _charts(np.asarray(mesh.faces), len(vertices))
-    _, nearest_face = KDTree(vertices[mesh.faces].mean(axis=1)).query(points[faces].mean(axis=1))
-    face_chart = charts[np.asarray(mesh.faces)[nearest_face, 0]]
-    corners = points[faces].reshape(-1, 3)
-    tree = KDTree(np.column_stack((vertices, _APART_M * charts)))
-    _, nearest = tree.query(np.column_stack((corners, _APART_M * np.repeat(face_chart, 3))))
-    light = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3), process=False)
-    smooth = trimesh.Trimesh(points, faces, process=False).vertex_normals[faces].reshape(-1, 3)
-    light.vertex_normals = smooth
-    light.visual = TextureVisuals(uv=uv[nearest], material=mesh.visual.material)
-    return light
+def _check_glb(file: Path, data: mmap.mmap) -> None:
+    document, start = glb_document(file, data)
+    holder = _Accessors(document, data, start)
+    corners = 0
+    for mesh in document.get("meshes", []):
+        corners += sum(_check_primitive(holder, primitive) for primitive in mesh["primitives"])
+    if corners < 3:
+        raise DatasetError(f"{file}: holds no mesh.")
+    _check_nodes(document)
 
 
-def fill_background(image: Image.Image, mesh: Any) -> Image.Image:
-    """Returns the texture with the colour of the nearest chart wherever no triangle of `mesh` lies.
+def glb_document(file: Path, data: mmap.mmap | bytes) -> tuple[dict[str, Any], int]:
+    """Returns the document of a GLB and where its binary buffer starts."""
+    if len(data) < _HEADER_BYTES or data[:4] != b"glTF":
+        raise DatasetError(f"{file}: not a GLB file (no glTF header).")
+    version, stated = struct.unpack_from("<II", data, 4)
+    if stated != len(data):
+        words = f"truncated, {len(data)} of {stated} bytes"
+        raise DatasetError(f"{file}: {words}. Download it again.")
+    length, kind = struct.unpack_from("<I4s", data, _HEADER_BYTES)
+    end = _HEADER_BYTES + _CHUNK_BYTES + length
+    if version != 2 or kind != _JSON or end > len(data):
+        raise ValueError("no glTF 2 document at its start")
+    document = json.loads(data[_HEADER_BYTES + _CHUNK_BYTES : end])
+    if not isinstance(document, dict):
+        raise TypeError("its document is no JSON object")
+    if end + _CHUNK_BYTES <= len(data):
+        length, kind = struct.unpack_from("<I4s", data, end)
+        if kind != _BINARY or end + _CHUNK_BYTES + length > len(data):
+            raise ValueError("its binary buffer is cut short")
+    return document, end + _CHUNK_BYTES
 
-    Scanned atlases are black between their charts; shrunk or decimated, that black bleeds in.
-    """
-    pixels = np.asarray(image)
-    height, width = pixels.shape[:2]
-    covered = Image.new("1", (width, height), 0)
-    draw = ImageDraw.Draw(covered)
-    uv = np.asarray(mesh.visual.uv) * (1.0, -1.0) + (0.0, 1.0)
-    for triangle in (uv * (width, height))[mesh.faces]:
-        draw.polygon([tuple(corner) for corner in triangle], fill=1)
-    # A chart's outermost pixels are half background already.
-    inside: Any = ndimage.binary_erosion(np.asarray(covered), iterations=2)
-    nearest: Any = ndimage.distance_transform_edt(
-        ~inside, return_distances=False, return_indices=True
-    )
-    return Image.fromarray(pixels[nearest[0], nearest[1]])
+
+class _Accessors:
+    """The arrays in a GLB."""
+
+    def __init__(self, document: dict[str, Any], data: mmap.mmap, start: int) -> None:
+        """Checks that every buffer view lies in its buffer."""
+        self._document, self._data, self._start = document, data, start
+        for number, view in enumerate(document.get("bufferViews", [])):
+            buffer = _entry(document, "buffers", view["buffer"])
+            first, length = view.get("byteOffset", 0), view["byteLength"]
+            own = len(data) - start if "uri" not in buffer else length + first
+            if first < 0 or length < 1 or first + length > min(buffer["byteLength"], own):
+                raise ValueError(f"buffer view {number} reaches beyond its buffer")
+
+    def array(self, number: int) -> NDArray[Any] | None:
+        """Returns values (count, width); None for those that lie compressed or in other files."""
+        entry, kind, width, stride = self.check(number)
+        if "sparse" in entry or "bufferView" not in entry:
+            return None
+        view = self._document["bufferViews"][entry["bufferView"]]
+        if view.get("extensions") or "uri" in self._document["buffers"][view["buffer"]]:
+            return None
+        # A copy, as the map cannot be closed under an array that looks into it.
+        return np.ndarray(
+            (entry["count"], width),
+            kind,
+            self._data,  # type: ignore[arg-type]
+            self._start + view.get("byteOffset", 0) + entry.get("byteOffset", 0),
+            (stride, kind.itemsize),
+        ).copy()
+
+    def check(self, number: int) -> tuple[dict[str, Any], np.dtype[Any], int, int]:
+        """Returns an accessor, the kind and number of its components, and its stride [bytes]."""
+        entry = _entry(self._document, "accessors", number)
+        kind, width = np.dtype(COMPONENTS[entry["componentType"]]), WIDTHS[entry["type"]]
+        count, stride = entry["count"], width * kind.itemsize
+        if not isinstance(count, int) or count < 1:
+            raise ValueError(f"accessor {number} has a count of {count!r}")
+        if "bufferView" in entry:
+            view = _entry(self._document, "bufferViews", entry["bufferView"])
+            stride = view.get("byteStride") or stride
+            at = entry.get("byteOffset", 0)
+            needed = at + stride * (count - 1) + width * kind.itemsize
+            if (min(at, stride) < 0 or needed > view["byteLength"]) and not view.get("extensions"):
+                raise ValueError(f"accessor {number} reaches beyond its buffer view")
+        return entry, kind, width, stride
 
 
-def _charts(faces: Any, count: int) -> Any:
-    """Returns the chart number of every vertex: vertices joined by faces share one."""
-    edges = np.concatenate((faces[:, [0, 1]], faces[:, [1, 2]]))
-    ones = np.ones(len(edges), dtype=bool)
-    graph = coo_matrix((ones, (edges[:, 0], edges[:, 1])), shape=(count, count))
-    return connected_components(graph, directed=False)[1]
+def _check_primitive(accessors: _Accessors, primitive: dict[str, Any]) -> int:
+    """Checks corners and indices of one part of a mesh; returns its number of corners."""
+    attributes = primitive["attributes"]
+    positions = accessors.array(attributes["POSITION"])
+    for name in sorted(set(attributes) - {"POSITION"}):
+        accessors.check(attributes[name])
+    indices = accessors.array(primitive["indices"]) if "indices" in primitive else None
+    if positions is None:
+        return 3
+    if positions.shape[1] != 3:
+        raise ValueError("its corners do not have 3 coordinates")
+    if (
+        positions.dtype.kind == "f"
+        and not -LARGEST_M <= positions.min() <= positions.max() <= LARGEST_M
+    ):
+        raise ValueError(f"a corner is not finite or farther than {LARGEST_M:g} m from the origin")
+    if indices is None:
+        return len(positions)
+    if int(indices.max()) >= len(positions):
+        raise ValueError(f"index {indices.max()} of a corner, and there are {len(positions)}")
+    if primitive.get("mode", _TRIANGLES) == _TRIANGLES and len(indices) % 3:
+        raise ValueError(f"{len(indices)} indices make no triangles")
+    return len(positions)
+
+
+def _check_nodes(document: dict[str, Any]) -> None:
+    """Raises ValueError for nodes that hold one another, name what is absent or are not finite."""
+    nodes = document.get("nodes", [])
+    for scene in document.get("scenes", []):
+        for number in scene.get("nodes", []):
+            _entry(document, "nodes", number)
+    parents: dict[int, int] = {}
+    for number, node in enumerate(nodes):
+        for child in node.get("children", []):
+            _entry(document, "nodes", child)
+            if child in parents:
+                raise ValueError(f"node {child} is in two others")
+            parents[child] = number
+        if "mesh" in node:
+            _entry(document, "meshes", node["mesh"])
+        for name in POSE.keys() & node.keys():
+            if len(node[name]) != POSE[name] or not all(abs(v) <= LARGEST_M for v in node[name]):
+                raise ValueError(f"nodes[{number}].{name} is not {POSE[name]} finite numbers")
+    reached = [number for number in range(len(nodes)) if number not in parents]
+    for number in reached:
+        reached.extend(nodes[number].get("children", []))
+    if len(reached) < len(nodes):
+        raise ValueError("nodes hold one another")
+
+
+def _entry(document: dict[str, Any], kind: str, number: Any) -> dict[str, Any]:
+    """Returns an entry of one of the document's lists."""
+    entries = document.get(kind, [])
+    if not isinstance(number, int) or not 0 <= number < len(entries):
+        raise ValueError(f"{kind}[{number!r}] is named, and there are {len(entries)}")
+    return entries[number]

@@ -12,13 +12,11 @@ from pathlib import Path
 
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.object_names import ALL_OBJECTS
-from hab_tasks.world.scenes.fields import Fields, check_number, is_present, read_fields
+from hab_tasks.world.scenes.fields import Fields, check_number, is_present, read_fields, read_urdf
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, embedded_dataset, maniskill_folder
 from hab_tasks.world.scenes.habitat.load import load_template
-from hab_tasks.world.scenes.mesh_checks import check_mesh
-from hab_tasks.world.scenes.meshes import parts_file
+from hab_tasks.world.scenes.meshes import check_mesh, parts_file
 from hab_tasks.world.scenes.spec import CollisionSource, ObjectTemplate
-from hab_tasks.world.scenes.urdf import read_urdf
 from hab_tasks.world.scenes.urdf_checks import as_number
 
 YCB_UP = (0.0, 0.0, 1.0)
@@ -39,7 +37,8 @@ def load_objects(folder: str | Path | None) -> dict[str, ObjectTemplate]:
     """
     if folder is None:
         return _embedded_objects()
-    return _ycb_objects(resolve_objects(folder))
+    root = resolve_objects(folder)
+    return _ycb_objects(root)
 
 
 def resolve_objects(name_or_path: str | Path) -> Path:

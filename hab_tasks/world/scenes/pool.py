@@ -11,6 +11,7 @@ reproducible runs, start from a new simulation.
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable, Iterable
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,14 @@ import sapien
 import torch
 from mani_skill.envs.scene import ManiSkillScene
 from mani_skill.utils.structs import Actor, Articulation
+from sapien import physx
 from transforms3d.quaternions import quat2mat
 
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.privileged import CollisionBody
-from hab_tasks.simulator import sapien_object, use_settings
+from hab_tasks.privileged import Array, CollisionBody, CollisionShape, ShapeKind
+from hab_tasks.simulator import rigid_body, sapien_object, use_settings
 from hab_tasks.world.scenes.build import BodyBuilder, mark_flat, parking_pose, to_sapien
-from hab_tasks.world.scenes.scene_bodies import SceneBodies, components, read_body
 from hab_tasks.world.scenes.spec import ArticulationInstance, ObjectTemplate, SceneSpec
 
 MOST_KEPT = 2000
@@ -33,6 +34,23 @@ MOST_KEPT = 2000
 
 Body = Actor | Articulation
 Key = tuple[object, ...]
+
+
+@dataclass(kw_only=True)
+class SceneBodies:
+    """Active bodies of a pool by name; `loose` and `static` ones belong to the layout."""
+
+    spec: SceneSpec
+    stage: Actor | None = None
+    static: dict[str, Actor] = field(default_factory=dict)
+    loose: dict[str, Actor] = field(default_factory=dict)
+    articulations: dict[str, Articulation] = field(default_factory=dict)
+    pickables: dict[str, Actor] = field(default_factory=dict)
+
+    @property
+    def movable(self) -> dict[str, Actor]:
+        """All graspable objects: pickables first, then the layout's loose objects."""
+        return {**self.pickables, **self.loose}
 
 
 class BodyPool:
@@ -201,3 +219,56 @@ def _entities(built: Body) -> list[sapien.Entity]:
 
 def _is_static(built: Body) -> bool:
     return isinstance(built, Actor) and built.px_body_type == "static"
+
+
+_NONE = np.zeros((0, 3))
+_NO_FACES = np.zeros((0, 3), dtype=np.int64)
+
+
+def matrix(pose: sapien.Pose) -> Array:
+    """Returns a SAPIEN pose as a (4, 4) float64 matrix."""
+    return pose.to_transformation_matrix().astype(np.float64)
+
+
+def read_body(name: str, group: Any, component: Any) -> CollisionBody:
+    """Reads the shapes of a rigid body component (first row's copy)."""
+    shapes = tuple(_read_shape(shape) for shape in component.collision_shapes)
+    return CollisionBody(name=name, group=group, shapes=shapes)
+
+
+def components(scene_bodies: SceneBodies) -> Iterable[tuple[str, str, Any]]:
+    """Yields (body name, group, component) of all bodies in the first row."""
+    if scene_bodies.stage is not None:
+        yield "stage", "stage", rigid_body(scene_bodies.stage)
+    for name, actor in scene_bodies.static.items():
+        yield name, "static", rigid_body(actor)
+    for name, furniture in scene_bodies.articulations.items():
+        for link in furniture.links:
+            yield f"{name}/{link.name}", "furniture", sapien_object(link)
+    for name, actor in scene_bodies.movable.items():
+        yield name, "object", rigid_body(actor)
+
+
+def _read_shape(shape: Any) -> CollisionShape:
+    kind: ShapeKind = "convex"
+    half, vertices, faces = np.zeros(3), _NONE, _NO_FACES
+    if isinstance(shape, physx.PhysxCollisionShapeBox):
+        kind, half = "box", np.asarray(shape.half_size, dtype=float)
+    elif isinstance(shape, physx.PhysxCollisionShapeSphere):
+        kind, half = "sphere", np.array([shape.radius, 0.0, 0.0])
+    elif isinstance(shape, physx.PhysxCollisionShapeCapsule):
+        kind, half = "capsule", np.array([shape.radius, shape.half_length, 0.0])
+    elif isinstance(shape, physx.PhysxCollisionShapeCylinder):
+        kind, half = "cylinder", np.array([shape.radius, shape.half_length, 0.0])
+    elif isinstance(shape, physx.PhysxCollisionShapePlane):
+        kind = "plane"
+    else:
+        vertices = np.asarray(shape.vertices, dtype=float) * np.asarray(shape.scale, dtype=float)
+        faces = np.asarray(shape.triangles, dtype=np.int64).reshape(-1, 3)
+    return CollisionShape(
+        kind=kind,
+        body_from_shape=matrix(shape.local_pose),
+        half_size_m=half,
+        vertices_m=vertices,
+        faces=faces,
+    )

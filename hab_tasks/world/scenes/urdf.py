@@ -20,9 +20,8 @@ from mani_skill.utils.building.articulation_builder import ArticulationBuilder
 from mani_skill.utils.building.urdf_loader import URDFLoader
 from sapien import physx
 
-from hab_tasks.errors import DatasetError
 from hab_tasks.io.cache import temporary_folder
-from hab_tasks.world.scenes.fields import read_bytes
+from hab_tasks.world.scenes.fields import read_urdf
 from hab_tasks.world.scenes.meshes import check_any_mesh
 from hab_tasks.world.scenes.urdf_checks import check_robot, mesh_file
 
@@ -91,19 +90,6 @@ def remove_visuals(root: ElementTree.Element) -> None:
             link.remove(visual)
 
 
-def joint_limits(file: Path) -> dict[str, tuple[float, float]]:
-    """Returns joint name -> (lower, upper) [m or rad] of the movable joints, before scaling."""
-    limits = {}
-    for joint in read_urdf(file).iter("joint"):
-        limit = joint.find("limit")
-        if joint.get("type") in ("revolute", "prismatic") and limit is not None:
-            limits[joint.get("name", "")] = (
-                float(limit.get("lower", 0)),
-                float(limit.get("upper", 0)),
-            )
-    return limits
-
-
 @lru_cache(maxsize=512)
 def joint_frictions(file: Path) -> dict[str, float]:
     """Returns joint name -> friction [N or N m] of the joints that state one."""
@@ -119,18 +105,6 @@ def joint_frictions(file: Path) -> dict[str, float]:
 def link_names(file: Path) -> tuple[str, ...]:
     """Returns the names of a URDF's links."""
     return tuple(link.get("name", "") for link in read_urdf(file).findall("link"))
-
-
-def read_urdf(file: Path) -> ElementTree.Element:
-    """Reads a URDF without validation of its content.
-
-    Raises:
-        DatasetError: It is absent or no XML.
-    """
-    try:
-        return ElementTree.fromstring(read_bytes(file))
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise DatasetError(f"{file}: not a valid URDF ({error}).") from error
 
 
 MOST_PARSED = 256

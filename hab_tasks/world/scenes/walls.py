@@ -88,9 +88,7 @@ def inner_walls(
         return ()
 
     def write(path: Path) -> None:
-        walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset.source, spec, read)
-        boxes = cut(walls, furniture_of(spec)) if len(walls.blocks) else []
-        path.write_text(json.dumps(np.round(boxes, 4).tolist()))
+        path.write_text(json.dumps(_cut(dataset, spec, read)))
 
     layout = content_key(dataset.scene_file(spec.scene_id))
     return cached(f"walls/{_VERSION}-{source}-{layout}.json", write, _read_boxes)
@@ -100,13 +98,19 @@ def walls_without(
     dataset: SceneDataset, spec: SceneSpec, read: Callable[[str], SceneSpec], moved: Collection[str]
 ) -> tuple[CollisionSource, ...]:
     """Returns `inner_walls` after some pieces (by name) have been removed."""
+    return tuple(_box(*box) for box in _cut(dataset, spec, read, moved))
+
+
+def _cut(
+    dataset: SceneDataset,
+    spec: SceneSpec,
+    read: Callable[[str], SceneSpec],
+    moved: Collection[str] = (),
+) -> list[list[float]]:
+    """Returns the boxes of a layout's walls, without the furniture `moved`; see `cut`."""
     mesh = spec.stage.visual_file
-    if mesh is None and _navmeshes_key(dataset.source.root / NAVMESHES) is None:
-        return ()
     walls = _mesh_walls(mesh) if mesh else _stage_walls(dataset.source, spec, read)
-    if not len(walls.blocks):
-        return ()
-    return tuple(_box(*np.round(b, 4).tolist()) for b in cut(walls, furniture_of(spec, moved)))
+    return np.round(cut(walls, furniture_of(spec, moved)), 4).tolist() if len(walls.blocks) else []
 
 
 def walls_between(

@@ -3,6 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
+from hab_experts import fridge_around
 from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
@@ -71,7 +72,7 @@ def test_bases_at_the_fridge_are_before_it(dataset, request):
             scene = TrueScene(FETCH)
             scene.see({"privileged": env.unwrapped.privileged()}, 0)
             robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
-            front = env.unwrapped.simulation.truth.fridge_around((FRIDGE, None))
+            front = fridge_around(env.unwrapped.simulation, (FRIDGE, None))
             assert len(stages) == 3
             for stage in stages:
                 place_of = scene.object_m if stage.at == "start" else scene.goal_m

@@ -31,8 +31,8 @@ from hab_tasks.world.scenes.habitat.dataset import (
     maniskill_folder,
     resolve_dataset,
 )
-from hab_tasks.world.scenes.meshes import read_textured
 from hab_tasks.world.scenes.objects import load_objects
+from hab_tasks.world.scenes.visuals import read_textured
 
 EXIT_FAULTS = 1
 OVERLAP = "overlap"

@@ -100,7 +100,7 @@ def draw_frames_picture(file: Path) -> None:
     try:
         env.reset(seed=0, options={"episode": FRAMES_EPISODE})
         base: Any = env.unwrapped
-        now = base._simulation.snapshot
+        now = base.simulation.snapshot
         world_from_base, world_from_ee = np.eye(4), np.eye(4)
         world_from_base[:3, :3], world_from_base[:2, 3] = now.base_axes[0], now.base[0, :2]
         world_from_ee[:3, :3], world_from_ee[:3, 3] = now.ee_axes[0], now.ee_m[0]

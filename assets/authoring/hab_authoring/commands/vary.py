@@ -120,7 +120,7 @@ def _layout_set(
         *([_short(macro)] if macro else []),
         *([options.extend] if options.extend else []),
     ]
-    split = WILD_SPLIT if options.wild else dataset.split_of(next(iter(macros.values())))
+    split = WILD_SPLIT if options.wild else dataset.split_of(next(iter(macros.values()))) or "test"
     return LayoutSet(
         name="_".join([*parts, str(options.seed)]),
         dataset="apartment" if embedded else str(dataset.root),

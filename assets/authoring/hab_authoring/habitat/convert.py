@@ -39,11 +39,20 @@ from typing import Any
 import numpy as np
 
 from hab_authoring.habitat.entry import OWN_KEY, START, HabitatEntries
+from hab_authoring.habitat.fields import naming
 from hab_tasks.episodes.generators.base import pose_scene
-from hab_tasks.episodes.provenance import MadeFrom, check_made_from, made_from
 from hab_tasks.episodes.robot_start import RobotStarts, StartNoise
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, EpisodeSet, Pose, RobotStart, load_json, naming
+from hab_tasks.episodes.schema import (
+    Episode,
+    EpisodeSet,
+    MadeFrom,
+    Pose,
+    RobotStart,
+    check_made_from,
+    load_json,
+    made_from,
+)
 from hab_tasks.errors import EpisodeError, GenerationError, RejectedSampleError
 from hab_tasks.geometry import Pose7
 from hab_tasks.robots.kinematics import ArmKinematics
@@ -105,7 +114,7 @@ def read_habitat(
     with naming(str(file), OWN_KEY):
         if "made_from" in own:
             stated = read_value(MadeFrom, own["made_from"], f"{where}: made_from", EpisodeError)
-            check_made_from(str(file), dataset.name, stated, dataset, origin)
+            check_made_from(str(file), dataset.name, stated, origin)
             origin = stated
         return EpisodeSet(
             env=str(parsed["env"]),
@@ -138,13 +147,9 @@ def to_habitat(
         DatasetError: The dataset is damaged.
     """
     now = made_from(dataset, objects)
-    check_made_from(
-        f"{episodes.env}, split {episodes.split}, seed {episodes.seed}",
-        episodes.scene_dataset,
-        episodes.made_from,
-        dataset,
-        now,
-    )
+    where = f"{episodes.env}, split {episodes.split}, seed {episodes.seed}"
+    dataset.check_made_for(episodes.scene_dataset, where)
+    check_made_from(where, dataset.name, episodes.made_from, now)
     translate = HabitatEntries(dataset, objects)
     entries = []
     for episode in episodes.episodes:

@@ -16,6 +16,7 @@ from hab_authoring.habitat.fields import (
     body_of,
     close,
     habitat_handles,
+    naming,
     object_frame,
     ordered_like,
     plain_name,
@@ -29,7 +30,6 @@ from hab_tasks.episodes.schema import (
     Rearrangement,
     ReceptacleRef,
     RobotStart,
-    naming,
     template_of,
     with_loose,
 )
@@ -236,11 +236,8 @@ class HabitatEntries:
         with naming(where, "scene_dataset_config"):
             file = Path(entry.get("scene_dataset_config", "default")).name
             name = file.removesuffix(".scene_dataset_config.json")
-        if name not in (file, self._dataset.name):
-            raise EpisodeError(
-                f"{where}, field scene_dataset_config: made for the scene dataset {name}, not for "
-                f"{self._dataset.name}. Give its folder with --scene-dataset."
-            )
+        if name != file:
+            self._dataset.check_made_for(name, f"{where}, field scene_dataset_config")
 
     def _objects(self, listed: Iterable[Any], where: str) -> dict[str, Pose7]:
         counts: Counter[str] = Counter()

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 from transforms3d import quaternions
 
-from hab_tasks.episodes.schema import Base, naming, template_of
+from hab_tasks.episodes.schema import Base, template_of
+from hab_tasks.errors import EpisodeError, UnknownNameError
 from hab_tasks.geometry import Array, rotation_between
 from hab_tasks.typed_values import number
 from hab_tasks.world.scenes.habitat.load import HABITAT_UP
@@ -19,6 +21,19 @@ from hab_tasks.world.scenes.spec import ObjectTemplate
 
 RIGID = 1e-3
 """Tolerance of rotation matrices; Habitat writes five digits."""
+
+
+@contextmanager
+def naming(where: str, name: str) -> Iterator[None]:
+    """Adds episode and field to errors about missing, malformed or unknown values."""
+    try:
+        yield
+    except KeyError as error:
+        raise EpisodeError(f"{where}, field {name}: {error} is missing.") from error
+    except UnknownNameError as error:
+        raise EpisodeError(f"{where}, field {name}: {error}") from error
+    except (LookupError, TypeError, ValueError, AttributeError) as error:
+        raise EpisodeError(f"{where}, field {name}: malformed ({error}).") from error
 
 
 def object_frame(template: ObjectTemplate) -> Array:

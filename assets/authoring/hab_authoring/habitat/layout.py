@@ -23,8 +23,9 @@ from hab_tasks.articulations import HANDLE_MARKERS
 from hab_tasks.episodes.schema import ReceptacleRef
 from hab_tasks.errors import DatasetError, UnknownNameError
 from hab_tasks.geometry import Array, to_matrix
+from hab_tasks.world.scenes.fields import read_urdf
 from hab_tasks.world.scenes.spec import Receptacle, SceneSpec
-from hab_tasks.world.scenes.urdf import check_urdf, read_urdf
+from hab_tasks.world.scenes.urdf import check_urdf
 
 HABITAT_MARKERS = (
     "cab_push_point_7",

@@ -13,7 +13,7 @@ from hab_tasks.articulations import DRAWER, FRIDGE, FRIDGES, HANDLE_MARKERS, Rec
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.geometry import to_matrix
 from hab_tasks.privileged import Array
-from hab_tasks.world.navigation.paths import FARTHEST_M, NEAREST_M
+from hab_tasks.world.navigation import FARTHEST_M, NEAREST_M
 from hab_tasks.world.scenes.floor import CELL_M, FreeFloor, floor_between
 from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
 from hab_tasks.world.scenes.spec import Receptacle

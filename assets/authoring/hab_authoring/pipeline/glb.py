@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hab_tasks.errors import DatasetError
-from hab_tasks.world.scenes.mesh_checks import COMPONENTS, WIDTHS, check_mesh
+from hab_tasks.world.scenes.meshes import COMPONENTS, WIDTHS, check_mesh, glb_document
 
 _UINT16, _UINT32 = 5123, 5125
 _ALIGNMENT_BYTES = 16
@@ -130,9 +130,8 @@ def read_glb(file: Path) -> Glb:
     check_mesh(file)
     data = file.read_bytes()
     try:
-        length = struct.unpack_from("<I", data, 12)[0]
-        document = json.loads(data[20 : 20 + length])
-        body = data[28 + length :]
+        document, start = glb_document(file, data)
+        body = data[start:]
         views = [_content(file, view, body) for view in document.setdefault("bufferViews", [])]
         if any("uri" in buffer for buffer in document.get("buffers", [])):
             raise DatasetError(f"{file}: its geometry lies in another file; one GLB is needed.")

@@ -11,7 +11,7 @@ from pathlib import Path
 from hab_tasks.errors import DatasetError, HabError, UnknownNameError, WorkerError
 from hab_tasks.io.cache import cache_dir, cached_file, find, read_cached, run_dir
 from hab_tasks.io.pool import WorkerPool
-from hab_tasks.world.scenes.mesh_checks import check_mesh
+from hab_tasks.world.scenes.meshes import check_mesh
 
 Progress = Callable[[int, int], None]
 """Called with the number of finished computations, and of all."""

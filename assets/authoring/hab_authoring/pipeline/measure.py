@@ -35,12 +35,11 @@ from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.build import to_sapien
-from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.fields import read_json, read_urdf
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene, load_template
 from hab_tasks.world.scenes.layout_geometry import Layout
 from hab_tasks.world.scenes.spec import SceneSpec
-from hab_tasks.world.scenes.urdf import read_urdf
 from hab_tasks.world.scenes.urdf_checks import mesh_file
 
 logger = logging.getLogger(__name__)

@@ -18,13 +18,13 @@ from hab_authoring.pipeline.collision import write_parts
 from hab_authoring.pipeline.jobs import AssetOptions, Job
 from hab_authoring.pipeline.visuals import texture_file, write_light_glb, write_light_obj
 from hab_tasks.errors import DatasetError
-from hab_tasks.world.scenes.fields import read_json
+from hab_tasks.world.scenes.fields import read_json, read_urdf
 from hab_tasks.world.scenes.habitat.dataset import SceneDataset
 from hab_tasks.world.scenes.habitat.load import load_template
 from hab_tasks.world.scenes.meshes import content_key, mesh_bounds, parts_volume
 from hab_tasks.world.scenes.objects import DEFAULT_DENSITY_KG_M3
 from hab_tasks.world.scenes.spec import ObjectTemplate
-from hab_tasks.world.scenes.urdf import mend_numbers, read_urdf
+from hab_tasks.world.scenes.urdf import mend_numbers
 from hab_tasks.world.scenes.urdf_checks import check_robot, mesh_file
 
 PARTS_FOLDER = Path("objects/convex")

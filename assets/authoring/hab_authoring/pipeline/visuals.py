@@ -26,7 +26,7 @@ from hab_authoring.pipeline.decimate import Surface, Thinned, face_normals, thin
 from hab_authoring.pipeline.glb import Glb, read_glb
 from hab_authoring.pipeline.jobs import AssetOptions
 from hab_tasks.errors import DatasetError
-from hab_tasks.world.scenes.meshes import fill_background
+from hab_tasks.world.scenes.visuals import fill_background
 
 FALLBACK_PX = 64
 """Size of the PNG for programs that cannot read compressed textures."""

@@ -68,6 +68,7 @@ def _righting(joints: Floats, tool: Floats, jacobian: Floats, error: Floats) -> 
     across = sqrt(x * x + y * y)
     tilt = atan2(across, z)
     turn = tool[6] * tilt / max(across, 1e-9) * min(1.0, tool[8] / max(tilt, 1e-9))
+    # The axis of the shortest turn: the tool's direction times z is (y, -x, 0).
     error[3], error[4] = turn * y, -turn * x
     for j in range(jacobian.shape[1]):
         jacobian[3, j] *= tool[6]
@@ -101,6 +102,7 @@ def solve(
     joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     steps, damping, step_m, near_m = settings[0], settings[1], settings[2], 0.5 * settings[3]
     for b in range(len(q)):
+        # One more than moves: the last time, the pose is only measured.
         for step in range(int(steps) + 1):
             kinematics(chain, q, b, joints)
             point = out_of(joints, len(chain), tool[0], tool[1], tool[2])

@@ -192,6 +192,7 @@ def collect(
 def _near(robot: RobotSpec, local_m: Array, pose: Array, reach_m: float) -> NDArray[np.bool_]:
     """Whether the bounding box of each shape (S,) is within reach of the shoulder."""
     shoulder_m = arm_model(robot)[0].jointPlacements[1].translation - pose[:, :3, 3]
+    # In the frame of each shape, whose bounding box has the axes of that frame.
     shoulder_m = (pose[:, :3, :3].transpose(0, 2, 1) @ shoulder_m[:, :, None])[:, :, 0]
     radius_m = local_m[:, 6:7]
     lower_m, upper_m = local_m[:, :3] - radius_m, local_m[:, 3:6] + radius_m

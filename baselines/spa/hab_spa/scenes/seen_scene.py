@@ -40,9 +40,6 @@ HELD_HALF_M = 0.03
 _GRID_M = np.stack(np.meshgrid(*[np.arange(-0.2, 0.2, 0.014)] * 3), axis=-1).reshape(-1, 3)
 """Points around the gripper where an obstacle that was felt may be."""
 
-SHOULDER_M = np.array((0.033, 0.0, 0.88))
-"""Approximate position of the shoulder in the base frame."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class SeenConfig:
@@ -246,7 +243,7 @@ class SeenScene:
             self.map.mark()
         here = self._believed(without)
         there = here if base is None else standing_at(here, base)
-        shoulder_m = _at(there.world_from_base, SHOULDER_M)
+        shoulder_m = _at(there.world_from_base, np.array(self.robot.shoulder_m))
         config, far_m = self.config, reach_m or self.config.reach_m
         surfaces_m, hidden_m = self.map.occupied_m(shoulder_m, far_m), np.zeros((0, 3))
         if self.risk_level < 2:
@@ -367,7 +364,7 @@ class SeenScene:
 
     @property
     def _shoulder_m(self) -> Array:
-        return _at(self.world_from_base, SHOULDER_M)
+        return _at(self.world_from_base, np.array(self.robot.shoulder_m))
 
     def _world_from_ee(self) -> Array:
         return self.world_from_base @ self._arm.ee_pose(self.arm_qpos)

@@ -19,7 +19,7 @@ from typing import Annotated
 
 from mani_skill import ASSET_DIR
 
-from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.errors import DatasetError, EpisodeError, UnknownNameError
 from hab_tasks.typed_values import read_value
 from hab_tasks.world.scenes.fields import Fields, read_bytes, read_fields, read_json
 
@@ -273,10 +273,10 @@ class SceneDataset:
         wanted = SPLIT_MACROS[split]
         return [s for s in sorted(self.scene_files) if (m := _MACRO.match(s)) and m[1] in wanted]
 
-    def split_of(self, scene_id: str) -> str:
-        """Returns the split that a scene belongs to, ``test`` for one that belongs to none."""
+    def split_of(self, scene_id: str) -> str | None:
+        """Returns the split that a scene belongs to, None for one that belongs to none."""
         found = (name for name in SPLIT_MACROS if scene_id in self.scenes_of_split(name))
-        return next(found, "test")
+        return next(found, None)
 
     def resolve_split(self, split: str | None, scene_id: str | None = None) -> str:
         """Returns `split`; None picks the split of a scene, or the least-seen split available.
@@ -290,9 +290,7 @@ class SceneDataset:
         if scene_id is not None:
             self.scene_file(scene_id)
             if split is None:
-                return next(
-                    (s for s in SPLIT_MACROS if scene_id in self.scenes_of_split(s)), "none"
-                )
+                return self.split_of(scene_id) or "none"
         present = [name for name in SPLIT_PREFERENCE if self.scenes_of_split(name)]
         if split is None and present:
             return present[0]
@@ -302,6 +300,18 @@ class SceneDataset:
             )
             raise UnknownNameError(known, split, present)
         return split
+
+    def check_made_for(self, name: str, where: str) -> None:
+        """Rejects episodes, from `where`, of the scene dataset `name` if it is another one.
+
+        Raises:
+            EpisodeError: It is.
+        """
+        if name != self.name:
+            raise EpisodeError(
+                f"{where}: made for the scene dataset {name}, and this one is {self.name}. Give "
+                f"the folder of {name} as scene dataset (--scene-dataset, scene_dataset=)."
+            )
 
     def scene_file(self, scene_id: str) -> Path:
         """Returns the file of a scene.

@@ -20,9 +20,6 @@ from hab_tasks.privileged import ArticulationState
 from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.robots.spec import RobotSpec
 
-ELBOW = 4
-"""Index of the elbow joint in the arm model, from which the arm extends beyond the base."""
-
 
 @dataclass(frozen=True, kw_only=True)
 class ArcConfig:
@@ -282,11 +279,11 @@ def best_first(candidates: list[DoorPath]) -> list[DoorPath]:
 def arm_points_m(robot: RobotSpec, qpos: Array) -> Array:
     """Returns points (K, P, 3) along the forearm of arm poses (K, J), in the arm's root frame."""
     model, frame = arm_model(robot)
-    data, found = model.createData(), []
+    data, found, elbow = model.createData(), [], model.getJointId(robot.elbow_joint)
     for pose in qpos:
         pin.forwardKinematics(model, data, pose)
         ee = pin.updateFramePlacement(model, data, frame).translation
-        joints = [data.oMi[number].translation for number in range(ELBOW, model.njoints)]
+        joints = [data.oMi[number].translation for number in range(elbow, model.njoints)]
         corners = np.array([*joints, ee])
         middles = (corners[1:] + corners[:-1]) / 2
         points = np.empty((2 * len(corners) - 1, 3))

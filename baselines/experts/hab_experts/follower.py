@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hab_tasks.privileged import Array
 from hab_tasks.robots.control_modes import BASE_CELLS, STOP_CELL
-from hab_tasks.world.navigation.paths import descend
+from hab_tasks.world.navigation import descend
 
 AHEAD_CELLS = 8
 """The follower aims at the point of its path so many cells (of 5 cm) ahead."""

@@ -1,4 +1,4 @@
-"""Navigation maps of layouts, with geodesic distances (Navigate's measure, S H.2).
+"""Navigation: maps of the free floor, geodesic distances, paths, base poses for reaching (S H.2).
 
 Space is free where the disc that models the base fits between all collision shapes. Distances solve
 the eikonal equation by the fast marching method (eikonalfm) over the free cells, so they are those
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import hashlib
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Hashable, Iterable, Mapping
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from hab_tasks.arrays import Floats
 from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.errors import GenerationError
+from hab_tasks.io.cache import recalled
 from hab_tasks.privileged import Array, CollisionBody
 from hab_tasks.world.scenes.floor import CELL_M, FreeFloor, floor_between, free_floor
 from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
@@ -39,7 +39,7 @@ _LEAST_WEIGHT = 1e-3
 """Bilinear weight below which a cell beside the goal needs no wavefront of its own."""
 
 _CORNERS = np.array([(0, 0), (0, 1), (1, 0), (1, 1)])
-_fields: OrderedDict[str, Array] = OrderedDict()
+_fields: OrderedDict[Hashable, Array] = OrderedDict()
 
 
 class NavigationMap:
@@ -65,11 +65,10 @@ class NavigationMap:
     def of_bodies(
         bodies: Iterable[CollisionBody],
         world_from_body: dict[str, Array],
-        radius_m: float = BASE_RADIUS_M,
     ) -> NavigationMap:
         """Maps a layout from all obstacles, at poses (4, 4) by body name."""
         bodies = list(bodies)
-        floor = free_floor(bodies, world_from_body, radius_m)
+        floor = free_floor(bodies, world_from_body)
         stage = [body for body in bodies if body.group == "stage"]
         if not stage:
             return NavigationMap(floor, np.zeros_like(floor.room))
@@ -140,17 +139,15 @@ class NavigationMap:
         if not len(goals):
             return np.full(self.free.shape, np.inf)
         key = f"{self.key} {hashlib.sha256(goals.tobytes()).hexdigest()}"
-        if key not in _fields:
-            if goals.dtype == bool:
-                fields = self._from_cells(goals)
-            else:
-                fields = [self._from_point(goal) for goal in goals]
-            _fields[key] = np.minimum.reduce(fields)
-            _fields[key].setflags(write=False)
-            if len(_fields) > KEPT_FIELDS:
-                _fields.popitem(last=False)
-        _fields.move_to_end(key)
-        return _fields[key]
+
+        def make() -> Array:
+            of_points = goals.dtype != bool
+            parts = map(self._from_point, goals) if of_points else self._from_cells(goals)
+            field = np.minimum.reduce(list(parts))
+            field.setflags(write=False)
+            return field
+
+        return recalled(_fields, key, make, KEPT_FIELDS)
 
     def everywhere(self, field: Array) -> Array:
         """Extends a field (X, Y) to occupied cells, by straight lines to the nearest free cell.
@@ -256,7 +253,7 @@ class LayoutMaps:
         """`load` reads a layout."""
         self._load = load
         self._layouts: dict[str, Layout] = {}
-        self._maps: OrderedDict[str, NavigationMap] = OrderedDict()
+        self._maps: OrderedDict[Hashable, NavigationMap] = OrderedDict()
 
     def of(self, scene_id: str, joints: Mapping[str, Mapping[str, float]]) -> NavigationMap:
         """Returns the map of a layout with these joints: furniture -> joint -> [m or rad]."""
@@ -266,12 +263,11 @@ class LayoutMaps:
             for joint, value in values.items()
         }
         key = f"{scene_id} {sorted(opened.items())}"
-        if key not in self._maps:
-            self._maps[key] = NavigationMap.of_layout(self._layout(scene_id), opened)
-            if len(self._maps) > KEPT_MAPS:
-                self._maps.popitem(last=False)
-        self._maps.move_to_end(key)
-        return self._maps[key]
+
+        def make() -> NavigationMap:
+            return NavigationMap.of_layout(self._layout(scene_id), opened)
+
+        return recalled(self._maps, key, make, KEPT_MAPS)
 
     def _layout(self, scene_id: str) -> Layout:
         if scene_id not in self._layouts:
@@ -279,35 +275,98 @@ class LayoutMaps:
         return self._layouts[scene_id]
 
 
-_NOWHERE = np.zeros((2, 2), dtype=np.float32)
+_STEPS = np.array([(1, 0), (-1, 0), (0, 1), (0, -1), (1, 1), (1, -1), (-1, 1), (-1, -1)])
+_LENGTHS = np.linalg.norm(_STEPS, axis=1)
 
 
-class GeodesicDistances:
-    """Geodesic distances to one goal per row; rows without a goal have distance zero."""
+def path_between(map_: NavigationMap, start_m: Array, goal_m: Array) -> Array:
+    """Returns the shortest path from a point (2,) to another.
 
-    def __init__(self, count: int) -> None:
-        self._fields: list[Floats] = [_NOWHERE] * count
-        self._origins_m = np.zeros((count, 2), dtype=np.float32)
+    It descends the goal's distance field from cell to cell, and then removes waypoints that a
+    straight segment can skip.
 
-    def set_goal(self, row: int, map_: NavigationMap, goal_m: Array) -> None:
-        """Sets the goal of a row to `goal_m` (2,), or the nearest free position."""
-        field = map_.geodesic_field(np.asarray(goal_m, dtype=float))
-        self._fields[row] = map_.everywhere(field).astype(np.float32)
-        self._origins_m[row] = map_.floor.origin_m
+    Returns:
+        Waypoints (W, 2), `start_m` first. If `start_m` is not free, the second is the nearest free
+        position; the last is the free position nearest to `goal_m`. All segments between free
+        positions are free.
+    """
+    start, goal = map_.nearest_free(start_m), map_.nearest_free(goal_m)
+    cells = descend(map_.geodesic_field(goal), map_.cells_of(start))
+    points = np.concatenate((start[None], map_.positions(cells), goal[None]))
+    kept = [0]
+    for index in range(2, len(points)):
+        if not map_.clear(points[kept[-1]], points[index]):
+            kept.append(index - 1)
+    waypoints = points[[*kept, len(points) - 1]]
+    if map_.is_free(start_m):
+        return waypoints
+    return np.concatenate((np.asarray(start_m, dtype=float)[None, :2], waypoints))
 
-    def distance_m(self, base_m: Floats) -> Floats:
-        """Returns distances of bases (N, 2) to their goals, (N,) [m], bilinear between cells."""
-        return np.array(
-            [self._of_row(row, x, y) for row, (x, y) in enumerate(base_m.tolist())],
-            dtype=np.float32,
-        )
 
-    def _of_row(self, row: int, x_m: float, y_m: float) -> float:
-        """Looks up one row in plain numbers, which takes a tenth of the time of arrays."""
-        field, (x0, y0) = self._fields[row], self._origins_m[row].tolist()
-        x = min(max((x_m - x0) / CELL_M, 0.0), field.shape[0] - 1.0)
-        y = min(max((y_m - y0) / CELL_M, 0.0), field.shape[1] - 1.0)
-        i, j = min(int(x), field.shape[0] - 2), min(int(y), field.shape[1] - 2)
-        u, v = x - i, y - j
-        (a, b), (c, d) = field[i : i + 2, j : j + 2].tolist()
-        return (a * (1 - v) + b * v) * (1 - u) + (c * (1 - v) + d * v) * u
+def descend(field: Array, start: NDArray[np.int64], most: int | None = None) -> NDArray[np.int64]:
+    """Returns the cells (C, 2) of steepest descent of a distance field, without `start`.
+
+    The field (X, Y) is inf where the floor is not free; `start` (2,) is a free cell. Without
+    `most` cells, it descends to the goal.
+    """
+    ringed = np.pad(field, 1, constant_values=np.inf)
+    cell = start + 1
+    passed = []
+    while most is None or len(passed) < most:
+        around = cell + _STEPS
+        values = ringed[around[:, 0], around[:, 1]]
+        # A diagonal step must not cut the corner of an obstacle.
+        sides = np.isfinite(ringed[cell[0] + _STEPS[:, 0], cell[1]])
+        sides &= np.isfinite(ringed[cell[0], cell[1] + _STEPS[:, 1]])
+        slope = np.where(sides, (ringed[tuple(cell)] - values) / _LENGTHS, -np.inf)
+        if slope.max() <= 0:
+            break
+        cell = around[int(slope.argmax())]
+        passed.append(cell)
+    return np.array(passed, dtype=np.int64).reshape(-1, 2) - 1
+
+
+NEAREST_M, FARTHEST_M = 0.45, 1.1
+"""Range of horizontal distances from the base to points that the arm can reach."""
+
+_AT_TARGET_M = 0.1
+"""Walls within this distance of the target do not occlude it, as furniture is wall-mounted."""
+
+
+def poses_reaching(
+    map_: NavigationMap,
+    target_m: Array,
+    nearest_m: float = NEAREST_M,
+    farthest_m: float = FARTHEST_M,
+) -> Array:
+    """Returns base poses from which a receptacle, an object or a handle can be reached.
+
+    The line from base to target, (2,) or (3,) in the world, crosses free floor and then only the
+    furniture that carries the target: no wall, and no gap behind other furniture.
+
+    Returns:
+        (K, 3): x, y and the yaw [rad] that faces the target, nearest first.
+    """
+    target = np.asarray(target_m, dtype=float)[:2]
+    bases = map_.positions(np.argwhere(map_.free))
+    gap = target - bases
+    distance = np.linalg.norm(gap, axis=1)
+    near = np.flatnonzero((distance >= nearest_m) & (distance <= farthest_m))
+    near = near[np.argsort(distance[near], kind="stable")]
+    near = near[_in_sight(map_, bases[near], target, distance[near])]
+    yaw = np.arctan2(gap[near, 1], gap[near, 0])
+    return np.column_stack((bases[near], yaw))
+
+
+def _in_sight(
+    map_: NavigationMap, bases_m: Array, target_m: Array, distance_m: Array
+) -> NDArray[np.bool_]:
+    """Whether only the target's furniture is on the line from bases (K, 2)."""
+    count = 1 + int(np.ceil(2 * distance_m.max(initial=0.0) / CELL_M))
+    share = np.linspace(0.0, 1.0, 1 + count)
+    line = bases_m[:, None] + share[:, None] * (target_m - bases_m)[:, None]
+    x, y = np.moveaxis(map_.cells_of(line), -1, 0)
+    taken = map_.floor.clearance_m[x, y] == 0
+    wall = map_.walls[x, y] & ((1 - share) * distance_m[:, None] > _AT_TARGET_M)
+    left_again = taken[:, :-1] & ~taken[:, 1:]
+    return ~wall.any(axis=1) & ~left_again.any(axis=1)

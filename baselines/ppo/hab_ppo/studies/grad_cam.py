@@ -30,11 +30,11 @@ from hab_ppo.agent import WEIGHTS, LoadedPolicy, load_policy, spec_of
 from hab_ppo.commands import StudyCommand
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.observation import IMAGES, Observation, averaged
-from hab_ppo.rows import Student, binary_entries, policy_rows
+from hab_ppo.rows import Student, VectorRows, binary_entries, policy_rows
 from hab_ppo.studies.engine import REFERENCES, SEED, SPLIT, WORK, kept_evaluation, open_study
 from hab_ppo.studies.report import write_readme
 from hab_tasks.agent_spaces import agent_setup
-from hab_tasks.engine.rollout import Job, VectorRows, play
+from hab_tasks.engine.rollout import Job, play
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
 from hab_tasks.figure_style import new_figure, save
 from hab_tasks.io.console import tell

@@ -61,6 +61,7 @@ WRITES = {
     "convert set.json": "out.json",
     "figures apartment": "out",
     "docs": "out",
+    "publish environment": "out",
 }
 
 

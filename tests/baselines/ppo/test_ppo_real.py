@@ -33,14 +33,17 @@ from hab_tasks.registration import SKILLS
 pytestmark, long = pytest.mark.slow, pytest.mark.long
 
 TRAINED = {
-    replace(find_recipe(name).env, num_episodes=1): name
+    repr(replace(find_recipe(name).env, num_episodes=1)): name
     for name in recipe_names()
     # One recipe with images is enough: they differ in nothing but the environment and the teacher.
     if find_recipe(name).env.env in SKILLS and ("_depth" not in name or name == "pick_depth")
 }
 """One recipe of each environment: from nothing, all of them are trained in the same way."""
 
-PLAYED = {(env.env, env.obs_mode, env.control_mode): name for env, name in TRAINED.items()}.values()
+PLAYED = {
+    (env.env, env.obs_mode, env.control_mode): name
+    for name, env in ((name, find_recipe(name).env) for name in TRAINED.values())
+}.values()
 """One recipe of each interface: how weights were trained makes no difference in playing them."""
 
 SHORT = ("--rows", "4", "--rollout-steps", "10", "--episodes", "2", "--evaluation-episodes", "1")

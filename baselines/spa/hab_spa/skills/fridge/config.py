@@ -52,7 +52,7 @@ class FridgeConfig:
         wait_steps: Maximum steps to wait for a swinging door.
         spare_steps: Time reserve when checking whether a pull fits the remaining time.
         as_is_tries: Base poses evaluated with the arm as it is after a pull, before it rests.
-        slack_rad: A door counts as open so far beyond the threshold, and as closed so far below.
+        slack_rad: A door counts as closed so far below the threshold, if it is only seen.
         plan: Parameters of the motion planner; more computing, as short paths matter, and larger
             margins, as a touched door moves.
         base_poses: Number of candidate base poses for navigation.

@@ -116,7 +116,7 @@ class _Fridge:
     @property
     def _done(self) -> bool:
         if self._out:
-            return self._joint > self._open_rad + self._config.slack_rad
+            return self._joint > self._open_rad
         return self._joint <= FRIDGE_CLOSED_RAD - self._config.slack_rad
 
     def move(self) -> Motion:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.scenes.seen_scene import CAMERAS, SeenConfig, SeenScene
+from hab_spa.scenes.seen_scene import CAMERAS, SeenScene
 from hab_spa.sensing.cloud import DepthView
 from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, Images, find_fridge, seen_joint
 from hab_spa.sensing.known_fridge import (
@@ -22,7 +22,6 @@ from hab_spa.sensing.known_fridge import (
 )
 from hab_spa.shapes import Array, box_distance_m, invert_pose
 from hab_tasks.privileged import ArticulationState, CollisionBody, PrivilegedState
-from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import HIGHEST_M, LOWEST_M, floor_between
 
@@ -49,15 +48,12 @@ class SeenFridge(SeenScene):
     The hand can only hold the door's handle here.
     """
 
-    def __init__(self, robot: RobotSpec, config: SeenConfig | None = None) -> None:
-        """Creates the scene of one row."""
-        self._found: Found | None = None
-        super().__init__(robot, config)
-
     def forget(self) -> None:
         """Starts a new episode."""
         super().forget()
-        self._found, self._taken, self._age, self._widest_rad = None, None, 0, 0.0
+        self._found: Found | None = None
+        self._taken: tuple[float, float] | None = None
+        self._age, self._widest_rad = 0, 0.0
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Processes an observation; a held handle tells how far the door is open."""
@@ -80,7 +76,7 @@ class SeenFridge(SeenScene):
         return False
 
     def find(self, opened: bool) -> bool:
-        """Looks for the fridge around the object inside; returns whether it was ever found."""
+        """Looks for the fridge around the object; returns whether it is found, now or before."""
         self.look()
         base_m = self.world_from_base[:2, 3]
         found = find_fridge(self._images(), self.object_m(0), base_m, opened)

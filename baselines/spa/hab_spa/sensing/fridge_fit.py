@@ -254,9 +254,8 @@ def _refined(
     for number, (tolerance_m, spacing_m, share, count) in enumerate(config.rounds):
         away = rng.normal(size=(count, 4)) * spread * share
         away[0] = 0.0
-        if (
-            number < 3 and moves != "all"
-        ):  # edges fit at one place only, which samples near by may miss
+        # Edges fit at one place only, which samples near by may miss.
+        if number < 3 and moves != "all":
             along = np.zeros((len(ALONG_M), 4))
             along[:, 1] = ALONG_M
             away = np.concatenate((away, along))

@@ -13,10 +13,10 @@ from hab_spa.motion.follow import FollowConfig
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.joint_goal import GoalConfig
-from hab_spa.scenes.seen_fridge import SeenFridge
+from hab_spa.scenes.seen_furniture import SeenDrawer, SeenFridge
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.true_scene import TrueScene
-from hab_spa.skills.drawer import close_drawer, open_drawer
+from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
 from hab_spa.skills.look import LookConfig, look_around, look_at, look_closer
@@ -128,6 +128,20 @@ def _fridge_seen(
     )
 
 
+def drawer_seen(robot: Robot, number: int, skill: Callable[..., Motion]) -> Motion:
+    """Finds the drawer, then opens or closes it by a skill."""
+    scene = robot.scene
+    assert isinstance(scene, SeenDrawer)
+    opened = skill is close_drawer
+    if not scene.find(opened):
+        yield from look_around(robot, scene, LookConfig())
+        if not scene.find(opened):
+            return Failure.TARGET_PLAN
+    # Beyond the stop, as the opening is known to a few centimetres: least where nothing was felt.
+    config = DrawerConfig(rounds=8, open_share=1.16 if opened else 1.05, spare_m=0.01)
+    return (yield from _with_retries(robot, lambda r, n: skill(r, n, config), number, risk=1))
+
+
 def _with_retries(
     robot: Robot, skill: Callable[[Robot, int], Motion], number: int, risk: int = 0
 ) -> Motion:
@@ -156,6 +170,8 @@ SEEN_SKILLS: dict[str, Behaviour] = {
     "HabPlace-v1": lambda robot: place_seen(robot, 0),
     "HabOpenFridge-v1": lambda robot: open_fridge_seen(robot, 0),
     "HabCloseFridge-v1": lambda robot: close_fridge_seen(robot, 0),
+    "HabOpenDrawer-v1": lambda robot: drawer_seen(robot, 0, open_drawer),
+    "HabCloseDrawer-v1": lambda robot: drawer_seen(robot, 0, close_drawer),
 }
 """Environment id -> behaviour."""
 
@@ -175,5 +191,6 @@ def spa(setup: AgentSetup) -> SpaAgent:
         obs_mode="depth",
         looks="on demand",
     )
-    scene = SeenFridge if "Fridge" in env_id else SeenScene
+    scenes = {"Fridge": SeenFridge, "Drawer": SeenDrawer}
+    scene = next((scenes[name] for name in scenes if name in env_id), SeenScene)
     return SpaAgent(setup, spec, scene, skill, spa_config(setup))

@@ -41,6 +41,7 @@ def follow(
     intact: Callable[[], bool] = lambda: True,
     timing: TimingConfig | None = None,
     near_rad: float | None = None,
+    feels: bool = True,
 ) -> Motion:
     """Moves the arm along a path (K, J).
 
@@ -51,6 +52,7 @@ def follow(
         intact: Whether to continue; called at every step.
         timing: Speed limits; the robot's by default.
         near_rad: Joint tolerance at the end; the robot's by default.
+        feels: Whether resistance is contact with an obstacle.
 
     Returns:
         `Failure.EXECUTION` if the tracking error is too large, an obstacle was seen or felt, or
@@ -60,6 +62,8 @@ def follow(
     # Settling comes after the path, and needs steps too.
     steps = int((robot.steps_left - config.follow.settle_steps) * share)
     following = config.follow if near_rad is None else replace(config.follow, settled_rad=near_rad)
+    if not feels:
+        following = replace(following, bump_rad=np.inf)
     follower = Follower(time_path_within(path, steps, timing or config.timing), following)
     while True:
         target = follower.advance(robot.scene.arm_qpos)

@@ -88,6 +88,10 @@ class Scene(Beliefs, Protocol):
         """Reports contact of the arm with an obstacle on its next poses (K, J)."""
         ...
 
+    def missed(self) -> None:
+        """Takes note that the hand has closed where a handle is believed, and holds nothing."""
+        ...
+
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the current floor map, without the robot and the held object.
 

@@ -209,6 +209,9 @@ class SeenScene:
 
     opening = known_opening
 
+    def missed(self) -> None:
+        """Does nothing: where handles are is told."""
+
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the ground-truth floor map, for oracle navigation."""
         return self.truth.floor_map(joints)

@@ -128,6 +128,9 @@ class TrueScene:
     def met(self, path: Array) -> None:
         """Does nothing: all obstacles are known."""
 
+    def missed(self) -> None:
+        """Does nothing: where handles are is known."""
+
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the floor map without robot and held object; see `Scene.floor_map`."""
         if joints:

@@ -147,10 +147,13 @@ def articulation_of(pose: Array, side: int, held: bool) -> ArticulationState:
 def bodies(side: int) -> tuple[CollisionBody, CollisionBody]:
     """Returns the fridge and its upper door, in the hinge's frame."""
     fixed, moving = (*BODY, *LOWER_DOOR, HANDLES[0]), (*UPPER_DOOR, HANDLES[1])
-    return tuple(
-        CollisionBody(name=name, group="furniture", shapes=tuple(_box(b, side) for b in boxes))
-        for name, boxes in ((BODY_NAME, fixed), (DOOR_NAME, moving))
-    )  # pyright: ignore[reportReturnType]  # two names
+    return box_body(BODY_NAME, fixed, side), box_body(DOOR_NAME, moving, side)
+
+
+def box_body(name: str, boxes: Boxes, side: int = 1) -> CollisionBody:
+    """Returns a body of boxes."""
+    shapes = tuple(_box(box, side) for box in boxes)
+    return CollisionBody(name=name, group="furniture", shapes=shapes)
 
 
 def _box(box: tuple[tuple[float, ...], tuple[float, ...]], side: int) -> CollisionShape:

@@ -169,7 +169,9 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     robot.doing, here = "pull" if out else "push", scene.arm_qpos
     line = min(lines, key=lambda line: float(np.linalg.norm(line.poses[0] - here)))
     held = lambda: scene.articulation(number).held  # noqa: E731
-    failure = yield from follow(robot, line.poses, config.line_share, held, config.timing)
+    failure = yield from follow(
+        robot, line.poses, config.line_share, held, config.timing, feels=False
+    )
     robot.relax()
     yield from wait(robot, config.still_steps)
     robot.doing, robot.gripper = "let go", RELEASE
@@ -196,6 +198,7 @@ def _grasp(robot: Robot, number: int, config: DrawerConfig) -> Motion:
             return None
     robot.gripper = RELEASE
     yield robot.command()
+    robot.scene.missed()
     return Failure.EXECUTION
 
 

@@ -185,18 +185,24 @@ def test_a_site_is_complete_reproducible_and_replaced_only_with_force(cli, tmp_p
     assert not list(tmp_path.glob(".*"))
 
 
-def test_own_runs_make_a_site_with_their_videos(cli, tmp_path):
+def test_own_runs_make_a_site_with_their_videos_and_pages(cli, tmp_path):
     record, runs = record_of([None, "force"], env="HabPick-v1"), []
     for parent in "ab":
         runs.append(tmp_path / parent / "mine")
         write_record(runs[-1] / "run.json", record)
     name = video_name(1, record.episodes[1].id)
     (runs[0] / f"{name}.mp4").touch()
+    (runs[0] / "view_1.html").write_bytes(b"x" * 1_250_000)
     command, out = ("--checkout", tmp_path, "--out", tmp_path / "site"), tmp_path / "site"
     assert cli("site", runs[0], *command).returncode == 0
-    assert {"runs/mine.html", f"videos/mine/{name}.mp4"} < set(files_of(out))
+    wanted = {"runs/mine.html", f"videos/mine/{name}.mp4", "views/mine/view_1.html"}
+    assert wanted < set(files_of(out))
+    assert "force · 1.2 MB" in (out / "runs" / "mine.html").read_text("utf-8")
     assert "<b>50 %</b>" in (out / "index.html").read_text("utf-8")
     assert "two runs are named 'mine'" in cli("site", *runs, *command, "--force").stderr
+    (runs[0] / "view_2.html").touch()
+    refused = cli("site", runs[0], *command, "--force").stderr
+    assert "view_2.html: mine has the episodes view_0 to view_1." in refused
 
 
 def test_bad_folders_are_refused_before_anything_is_written(cli, tmp_path):

@@ -67,6 +67,8 @@ def small(tmp_path_factory, serve):
         frames = [np.full((64, 96, 3), 20 * shade, np.uint8) for shade in range(12)]
         imageio.mimwrite(videos / f"{name}.mp4", frames, fps=30, macro_block_size=2)
         imageio.imwrite(videos / f"{name}.png", frames[5])
+    drawn = "<p>not yet</p><script>document.querySelector('p').textContent = 'drawn'</script>"
+    (videos / "view_8.html").write_text(drawn)
     (root / "docs").mkdir()
     Image.new("RGB", (1500, 700), "white").save(root / "docs" / "fig06_furniture.png")
     options = SiteOptions(
@@ -162,11 +164,15 @@ def test_the_command_of_a_row_is_two_clicks_away(open_page, small):
     assert copied == "hab-eval verify pick_blind-pick-apartment-seed0 --episodes 10"
 
 
-def test_a_run_has_charts_episodes_and_videos(open_page, small):
+def test_a_run_has_charts_episodes_videos_and_pages(open_page, small):
     page = open_page(f"{small}runs/{SPA}.html")
     assert page.locator("#return-chart line.ct-bar").count() > 1
     assert page.locator("video").count() == 2  # the first success and the first failure
     assert page.locator("video").first.evaluate(PLAYED) > 0.05
+    # Pages of several MB are loaded when they are opened.
+    assert [frame.url for frame in page.frames[1:]] == [""]
+    page.get_by_text("timeout · 0.0 MB").click()
+    page.frame_locator("iframe").get_by_text("drawn").wait_for()
     assert column(page, "id") == [str(number) for number in range(10)]
     page.select_option("[data-filter=outcome]", "timeout")
     assert column(page, "id") == ["8", "9"]

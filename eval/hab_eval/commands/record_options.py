@@ -75,7 +75,8 @@ than recorded is not kept. The exit status is that of `verify`."""
 VIEW_HELP = """Shows an episode in 3-D in the browser (pip install 'hab-eval[view]').
 
 Example:
-  hab-eval view runs/pick --episode 3 --out episode.html
+  hab-eval view runs/pick --episode 3 --out runs/pick/view_3.html
+  hab-eval site runs/pick --out site
 
 The episode is repeated with the agent. The page has a time slider, images of the cameras, contacts,
 and the beliefs of an agent that reports them; it needs neither a GPU nor a Vulkan device. The exit
@@ -140,13 +141,14 @@ class SiteCommand(Command):
     work: ClassVar[str] = "hab_eval.commands.pages:build"
 
     runs: Annotated[tuple[Path, ...], tyro.conf.Positional, tyro.conf.arg(metavar="RUN...")] = ()
-    """Runs of your own instead of submissions, with their videos: run folders (their --out)."""
+    """Runs of your own instead of submissions, with their videos and pages in 3-D (view_0.html):
+    run folders (their --out)."""
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """Output folder."""
     submissions: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Folder of submitted run.json files; this checkout's if not given."""
     videos: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
-    """Folder of recorded videos, with a folder per submission."""
+    """Folder of recorded videos and pages in 3-D, with a folder per submission."""
     checkout: Annotated[Path | None, tyro.conf.arg(metavar="DIR")] = None
     """Checkout with the datasets' figures (docs), model cards (baselines) and episode files
     (assets/episodes); this one if not given."""

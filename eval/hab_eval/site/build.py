@@ -26,10 +26,11 @@ from hab_eval.site.datasets import dataset_pages
 from hab_eval.site.entries import Entry, make_entries
 from hab_eval.site.media import (
     MarkdownFile,
-    Video,
+    copy_file,
     copy_video,
-    find_videos,
+    find_folders,
     videos_in,
+    views_in,
     write_picture,
 )
 from hab_eval.site.pages import Page, Site, all_pages
@@ -57,7 +58,7 @@ class SiteOptions:
         out: Output folder.
         runs: Folders of runs, instead of submissions and videos.
         submissions: Folder of submissions; None for the checkout's.
-        videos: Folder of videos; None for no videos.
+        videos: Folder of videos and pages in 3-D; None for neither.
         checkout: Checkout with figures, model cards and episode files; None for this one.
         force: Replace an existing site.
     """
@@ -86,6 +87,8 @@ def build_site(options: SiteOptions) -> int:
         for entry in site.entries:
             for video in site.videos.get(entry.name, ()):
                 copy_video(video, folder / "videos" / entry.slug / video.file.name)
+            for view in site.views.get(entry.name, ()):
+                copy_file(view.file, folder / "views" / entry.slug / view.file.name)
         manifest = {"pages": [page.path for page in pages]}
         (folder / MARK).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
     return len(pages)
@@ -137,12 +140,13 @@ def _read(options: SiteOptions) -> Site:
     checkout = options.checkout or Path(__file__).resolve().parents[3]
     if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
-    found, videos_of = _runs(options) if options.runs else _submissions(options)
+    found, folders_of = _runs(options) if options.runs else _submissions(options)
     records = found.current
     entries = make_entries(records)
+    folders = folders_of(entries)
+    by_folder = [(entry, folders[entry.name]) for entry in entries if entry.name in folders]
     cards: Sequence[Card] = read_cards(checkout)
     episodes = checkout / "assets" / "episodes"
-    videos: dict[str, list[Video]] = videos_of(entries)
     return Site(
         entries=entries,
         sets=comparison_sets(entries),
@@ -150,25 +154,26 @@ def _read(options: SiteOptions) -> Site:
         datasets=dataset_pages(entries, checkout / "docs"),
         studies=read_studies(checkout),
         receptacles=read_receptacles(episodes) if episodes.is_dir() else Receptacles(),
-        videos=videos,
+        videos={entry.name: videos_in(folder, entry) for entry, folder in by_folder},
+        views={entry.name: views_in(folder, entry) for entry, folder in by_folder},
         docs=checkout / "docs",
         best=best_rows(found),
         again=again_rows(found),
     )
 
 
-Videos = Callable[[Sequence[Entry]], dict[str, list[Video]]]
+Folders = Callable[[Sequence[Entry]], dict[str, Path]]
 
 
-def _submissions(options: SiteOptions) -> tuple[Submissions, Videos]:
+def _submissions(options: SiteOptions) -> tuple[Submissions, Folders]:
     folder = options.submissions or default_submissions()
     found = find_submissions(folder)
     if not found.current:
         raise ResultError(f"{folder}: no submissions; hab-eval submit adds one.")
-    return found, partial(find_videos, options.videos)
+    return found, partial(find_folders, options.videos)
 
 
-def _runs(options: SiteOptions) -> tuple[Submissions, Videos]:
+def _runs(options: SiteOptions) -> tuple[Submissions, Folders]:
     """Returns runs as submissions, by the names of their folders."""
     if options.submissions or options.videos:
         raise OptionError("give runs, or --submissions and --videos, not both.")
@@ -179,7 +184,7 @@ def _runs(options: SiteOptions) -> tuple[Submissions, Videos]:
     records = {f"{n}.json": run for n, run in zip(names, read_runs(folders), strict=True)}
     by_name = dict(zip(names, folders, strict=True))
     return Submissions(all=records, again={}), lambda entries: {
-        entry.name: videos_in(by_name[entry.name], entry) for entry in entries
+        entry.name: by_name[entry.name] for entry in entries
     }
 
 

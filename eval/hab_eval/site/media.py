@@ -1,4 +1,4 @@
-"""Pictures, videos and Markdown files (model cards, studies) of the site."""
+"""Pictures, videos, pages in 3-D and Markdown files (model cards, studies) of the site."""
 
 from __future__ import annotations
 
@@ -24,6 +24,7 @@ PICTURE_WIDTH_PX = 1200
 POSTER_WIDTH_PX = 640
 QUALITY = 80
 VIDEO = re.compile(r"video_(\d+)_.*\.mp4")
+VIEW = re.compile(r"view_(\d+)\.html")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,15 @@ class Video:
     index: int
     file: Path
     poster: Path | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """A page of an episode in 3-D, as `hab-eval view` writes it."""
+
+    index: int
+    file: Path
+    size_mb: float
 
 
 def write_picture(source: Path, target: Path, width_px: int = PICTURE_WIDTH_PX) -> None:
@@ -53,44 +63,64 @@ def write_picture(source: Path, target: Path, width_px: int = PICTURE_WIDTH_PX) 
     picture.save(target, "WEBP", quality=QUALITY)
 
 
-def find_videos(folder: Path | None, entries: Sequence[Entry]) -> dict[str, list[Video]]:
-    """Returns the videos of each submission, by its name.
+def find_folders(folder: Path | None, entries: Sequence[Entry]) -> dict[str, Path]:
+    """Returns the folder of videos and pages of each submission, by its name.
 
     Args:
         folder: Has a folder with the name of each submission, with files as written by
-            `hab-eval film` and `hab-eval run --video`; None for no videos.
+            `hab-eval film`, `hab-eval run --video` and `hab-eval view`; None for no videos.
         entries: The submissions.
 
     Raises:
-        OptionError: A folder or a video belongs to no submission or episode.
+        OptionError: A folder belongs to no submission.
     """
     if folder is None:
         return {}
     if not os.path.isdir(folder):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--videos {folder}: not a folder; hab-eval film writes one.")
-    by_name = {entry.name: entry for entry in entries}
-    found: dict[str, list[Video]] = {}
-    for path in sorted(folder.glob("*/*.mp4")):
-        if path.name.startswith(".") or path.parent.name.startswith("."):
-            continue  # a video that is being recorded
-        entry = by_name.get(path.parent.name)
-        if entry is None:
-            raise OptionError(f"--videos {folder}: no submission is named {path.parent.name!r}.")
-        found.setdefault(entry.name, []).append(_video(path, entry))
+    found = {path.name: path for path in sorted(folder.glob("[!.]*")) if path.is_dir()}
+    for name in found.keys() - {entry.name for entry in entries}:
+        raise OptionError(f"--videos {folder}: no submission is named {name!r}.")
     return found
 
 
 def videos_in(folder: Path, entry: Entry) -> list[Video]:
-    """Returns the videos in the folder of a run."""
+    """Returns the videos in the folder of a run.
+
+    Raises:
+        OptionError: One belongs to no episode.
+    """
     return [_video(path, entry) for path in sorted(folder.glob("video_*.mp4"))]
+
+
+def views_in(folder: Path, entry: Entry) -> list[View]:
+    """Returns the pages in 3-D in the folder of a run.
+
+    Raises:
+        OptionError: One belongs to no episode.
+    """
+    found = [(path, VIEW.fullmatch(path.name)) for path in sorted(folder.glob("view_*.html"))]
+    views = []
+    for path, match in found:
+        count = len(entry.record.episodes)
+        if match is None or int(match[1]) >= count:
+            raise OptionError(f"{path}: {entry.name} has the episodes view_0 to view_{count - 1}.")
+        size_mb = path.stat().st_size / 1e6
+        views.append(View(index=int(match[1]), file=path, size_mb=size_mb))
+    return sorted(views, key=lambda view: view.index)
 
 
 def copy_video(video: Video, target: Path) -> None:
     """Copies a video and its first frame, the latter as WebP."""
-    target.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(video.file, target)
+    copy_file(video.file, target)
     if video.poster is not None:
         write_picture(video.poster, target.with_suffix(".webp"), POSTER_WIDTH_PX)
+
+
+def copy_file(source: Path, target: Path) -> None:
+    """Copies a file to a folder that may not exist yet."""
+    target.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, target)
 
 
 def _video(path: Path, entry: Entry) -> Video:

@@ -27,7 +27,7 @@ from hab_eval.site.entries import (
     needs_path,
     verify_command,
 )
-from hab_eval.site.media import Video, rendered
+from hab_eval.site.media import Video, View, rendered
 
 MOST_PAIRS = 10
 """Pairs of a set in the list of comparisons; the set's own page has all."""
@@ -69,6 +69,7 @@ class Site:
         studies: Studies of the checkout.
         receptacles: Receptacles of known episodes.
         videos: Name of a submission -> its videos.
+        views: Name of a submission -> its pages in 3-D.
         docs: Folder of the datasets' figures.
         best: Environment -> its best results, as `hab_eval.records.status.best_rows`.
         again: Submissions to be run again, as `hab_eval.records.status.again_rows`.
@@ -81,6 +82,7 @@ class Site:
     studies: Sequence[Study]
     receptacles: Receptacles
     videos: Mapping[str, Sequence[Video]]
+    views: Mapping[str, Sequence[View]]
     docs: Path
     best: Sequence[tuple[str, Sequence[RunRecord | str]]] = ()
     again: Sequence[tuple[str, ...]] = ()
@@ -169,6 +171,7 @@ def _run(site: Site, entry: Entry, partners: Partners) -> Page:
         "receptacles": by_receptacle(record, site.receptacles),
         "failures": list(record.summary.failures.items()),
         "videos": videos,
+        "views": {view.index: view for view in site.views.get(entry.name, ())},
         "shown_videos": [(video, episodes[video.index]) for video in shown],
         "outcomes": sorted({outcome_of(one) for one in episodes}),
         "paper": [one for one in paper.RESULTS if counterparts(one, [entry])],

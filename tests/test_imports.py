@@ -38,7 +38,7 @@ ORDER = [
     {"tasks"},
     {"envs"},
     {"vector"},
-    {"agent_spaces"},
+    {"agent_spaces", "web_scene"},
     {"__init__"},
     {"commands"},
     {"cli"},

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 import time
-from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, redirect_stdout
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from queue import Empty, SimpleQueue
 from typing import Any, cast
 
 import gymnasium as gym
@@ -16,22 +19,36 @@ import imageio.v2 as imageio
 import numpy as np
 
 from hab_tasks.captions import LEGEND, with_words
-from hab_tasks.commands.keyboard import QUIT, Keyboard, keys_of
+from hab_tasks.commands.keyboard import (
+    BROWSER_KEYS,
+    KEYS,
+    QUIT,
+    WAIT_S,
+    Keyboard,
+    held_keys,
+    key_table,
+    keys_of,
+)
 from hab_tasks.commands.options import Demo
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.engine.hab_env import HabEnv
+from hab_tasks.engine.ray_sensors import visible_bodies
 from hab_tasks.engine.rollout import EndRolloutError, EnvRow, Job, Outcome, StepInfo, play_one
+from hab_tasks.engine.viewpoint import LOOK_AT_M, in_world, marked_points, tips_m
 from hab_tasks.episodes.source import UNLIMITED
 from hab_tasks.errors import HabError, RenderingUnavailableError, UnknownNameError
+from hab_tasks.geometry import apply, planar
 from hab_tasks.io.files import check_file, written_aside
 from hab_tasks.option_values import LARGEST_RESET_SEED, whole
 from hab_tasks.registration import imported_id
 from hab_tasks.rendering import resolve_backend
 
-AGENTS = ("random", "keyboard")
+AGENTS, VIEWERS = ("random", "keyboard"), ("window", "web")
 RANDOM_STEPS = 200
 MOST_STEPS = 1_000_000
 CAPTION_LINES = 5
+HOLD_HZ = 10.0
+"""Reports of a button that is held."""
 
 
 def run(options: Demo) -> int:
@@ -41,7 +58,8 @@ def run(options: Demo) -> int:
         HabError: Invalid options.
     """
     _check(options)
-    window = _window_works()
+    web = options.viewer == "web"
+    window = not web and _window_works()
     env = gym.make(
         options.env,
         obs_mode="none",
@@ -54,7 +72,7 @@ def run(options: Demo) -> int:
     with ExitStack() as ends:
         ends.callback(env.close)
         video = None if options.out is None else ends.enter_context(written_aside(options.out))
-        show = _Show(options.env, scene, window, video)
+        show = _Show(options.env, scene, window, video, web=web)
         ends.callback(show.close)
         end = _play(options, env, show)
     _tell(show.seen, end)
@@ -67,6 +85,8 @@ def _check(options: Demo) -> None:
     imported_id(options.env)
     if options.agent not in AGENTS:
         raise UnknownNameError("agent", options.agent, AGENTS)
+    if options.viewer not in VIEWERS:
+        raise UnknownNameError("viewer", options.viewer, VIEWERS)
     if options.steps is not None:
         whole("--steps", options.steps, 1, MOST_STEPS)
     whole("--episode", options.episode, 0, UNLIMITED - 1)
@@ -125,8 +145,12 @@ def _typed(show: _Show) -> Iterator[Any]:
     """Yields the action of each key, repeated while it is held."""
     scene = show.scene
     keyboard = Keyboard(scene.agent.controller, bool(scene.measures.holding_target))
-    print(keyboard.table, flush=True)
-    for name, share in keys_of(sys.stdin, show.refresh):
+    if show.web is None:
+        print(key_table(keyboard.meanings), flush=True)
+        keys = keys_of(sys.stdin, show.refresh)
+    else:
+        keys = held_keys(show.web.drive(keyboard.meanings), show.refresh)
+    for name, share in keys:
         if name == QUIT:
             return
         action = keyboard.action(name, share)
@@ -137,12 +161,15 @@ def _typed(show: _Show) -> Iterator[Any]:
 
 
 class _Show:
-    """Output to the console, and to a window, a video, both, or neither; has the last step."""
+    """Output to the console, a window or browser, and a video; has the last step."""
 
     seen: StepInfo
 
-    def __init__(self, env_id: str, scene: HabEnv, window: bool, video: Path | None) -> None:
+    def __init__(
+        self, env_id: str, scene: HabEnv, window: bool, video: Path | None, *, web: bool
+    ) -> None:
         self._env_id, self.scene, self._window, self._video = env_id, scene, window, video
+        self.web = _Web(scene) if web else None
         self._viewer: Any = None
         self._writer: Any = None
         self._seen_from: Any = None
@@ -158,6 +185,8 @@ class _Show:
         task = self.scene.instruction[0]
         print(f"{self._env_id}, episode {self.scene.episode[0].id}\n{task}")
         self._task = f"{task} ({LEGEND})"
+        if self.web is not None:
+            self.web.start()
         self._draw(seen)
 
     def step(self, seen: StepInfo) -> None:
@@ -175,7 +204,9 @@ class _Show:
             frame = np.asarray(self.scene.render_rgb_array()[0].cpu(), dtype=np.uint8)
             words = [self._task, *_stages(seen.info)]
             self._writer.append_data(with_words(frame, words, CAPTION_LINES))
-        if self._window:
+        if self.web is not None:
+            self.web.show([self._task, *_stages(seen.info), _line(seen)])
+        if self._window or self.web is not None:
             self.refresh()
             time.sleep(max(0.0, self._due_s - time.monotonic()))
             self._due_s = time.monotonic() + 1.0 / CONTROL_HZ
@@ -194,9 +225,81 @@ class _Show:
             self._seen_from = pose.p
 
     def close(self) -> None:
-        """Finishes the video."""
+        """Finishes the video and the page."""
+        if self.web is not None:
+            self.web.close()
         if self._writer is not None:
             self._writer.close()
+
+
+class _Web:
+    """A page with the scene, on which buttons and keys drive the robot."""
+
+    def __init__(self, env: HabEnv) -> None:
+        from hab_tasks.web_scene import WebScene, viser  # needs viser: said before the episode
+
+        self._env, self._make = env, WebScene
+        self._pressed: SimpleQueue[str] = SimpleQueue()
+        with redirect_stdout(io.StringIO()):  # viser's own lines, of a server for everyone
+            self._server = viser.ViserServer(host="127.0.0.1", verbose=False)
+
+    def start(self) -> None:
+        """Adds the scene, and waits until the page is open."""
+        env = self._env
+        self._bodies = [one for one in visible_bodies(env.simulation, env.agent) if one.visuals]
+        bodies = [(body.name, body.visuals) for body in self._bodies]
+        colors = [color for color, _ in marked_points(env.simulation)]
+        base = np.array(env.simulation.snapshot.base[0], dtype=float)
+        camera = self._server.initial_camera
+        camera.position, camera.look_at = (
+            in_world(0, base),
+            apply(planar(*base), np.array(LOOK_AT_M)),
+        )
+        self._scene = self._make(self._server, bodies, colors)
+        self._text = self._server.gui.add_markdown("")
+        print(f"open http://127.0.0.1:{self._server.get_port()}/ (Ctrl-C ends)", flush=True)
+        while not self._server.get_clients():
+            time.sleep(WAIT_S)
+
+    def drive(self, functions: Mapping[str, str]) -> Callable[[float], Iterable[str]]:
+        """Adds a button and a key for each function; returns how to read what is pressed."""
+        gui = self._server.gui
+        for name, words in functions.items():
+            key = BROWSER_KEYS.get(name)
+            press = partial(self._press, name)
+            button = gui.add_button(words if key is None else f"{key}: {words}")
+            button.on_click(press)
+            if name in KEYS:
+                button.on_hold(press, callback_hz=HOLD_HZ)
+            if key is not None:
+                gui.add_command(words, hotkey=cast(Any, key)).on_trigger(press)
+        return self._read
+
+    def _press(self, name: str, _: object) -> None:
+        self._pressed.put(name)
+
+    def _read(self, wait_s: float) -> Iterable[str]:
+        try:
+            return (self._pressed.get(timeout=wait_s),)
+        except Empty:
+            return ()
+
+    def show(self, lines: Iterable[str]) -> None:
+        """Shows the present state, with lines of text."""
+        simulation = self._env.simulation
+        poses = [body.entity.pose for body in self._bodies]
+        self._scene.show(
+            np.array(simulation.snapshot.base[0], dtype=float),
+            np.array([(*pose.p, *pose.q) for pose in poses], dtype=float),
+            tips_m(simulation),
+            simulation.contact_points_m(),
+        )
+        self._text.content = "\n\n".join(lines)
+
+    def close(self) -> None:
+        """Ends the server."""
+        with redirect_stdout(io.StringIO()):
+            self._server.stop()
 
 
 def _writer(file: Path) -> Any:

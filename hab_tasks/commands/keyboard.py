@@ -1,7 +1,7 @@
-"""Keyboard control from the terminal: one action per key press, repeated while a key is held.
+"""Keyboard control from terminal or browser: one action per key press, repeated while it is held.
 
-A terminal reports a key press, and repeats it after a delay of half a second while the key is held,
-but does not report the release. `HeldKey` bridges that delay.
+Both report a key press, and repeat it after a delay of half a second while the key is held,
+but do not report the release. `HeldKey` bridges that delay.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import os
 import select
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TextIO
 
@@ -76,14 +76,24 @@ OTHER_KEYS = {
     QUIT: "quit",
 }
 
+BROWSER_KEYS = {
+    **{"w": "I", "s": "K", "a": "J", "d": "L", "r": "R", "f": "F"},
+    **{"up": "8", "down": "2", "left": "4", "right": "6", GRIP: "G", WAIT: "5"},
+}
+"""Keys in the browser, where W, A, S, D, Q, E and the arrows move the camera."""
+
 _ESCAPED = {"[A": "up", "[B": "down", "[C": "right", "[D": "left"}
 
 
-def key_table(arm: bool = True, base: bool = True) -> str:
-    """Returns a line per key, for the enabled parts."""
+def meanings(arm: bool = True, base: bool = True) -> dict[str, str]:
+    """Returns what each key does, for the enabled parts."""
     moved = [part for part, there in (("arm", arm), ("base", base)) if there]
     lines = {key.name: key.meaning for key in KEYS.values() if key.part in moved}
-    lines |= {name: words for name, words in OTHER_KEYS.items() if arm or name != GRIP}
+    return lines | {name: words for name, words in OTHER_KEYS.items() if arm or name != GRIP}
+
+
+def key_table(lines: Mapping[str, str]) -> str:
+    """Returns a line per key."""
     return "\n".join(f"  {name:<6} {words}" for name, words in lines.items())
 
 
@@ -98,9 +108,9 @@ class Keyboard:
         self.moves_arm, self.moves_base = config.arm == "ee", config.base != "still"
 
     @property
-    def table(self) -> str:
-        """A line per active key."""
-        return key_table(arm=self.moves_arm, base=self.moves_base)
+    def meanings(self) -> dict[str, str]:
+        """What each active key does."""
+        return meanings(arm=self.moves_arm, base=self.moves_base)
 
     def action(self, name: str, share: float = 1.0) -> Any | None:
         """Returns the action (A,) or the discrete cell of a key; None for an inactive key.
@@ -155,35 +165,56 @@ def keys_of(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple
     return ((name, 1.0) for name in _named(iter(lambda: stream.read(1), "")))
 
 
+def held_keys(
+    read: Callable[[float], Iterable[str] | None], while_waiting: Callable[[], None]
+) -> Iterator[tuple[str, float]]:
+    """Yields pressed and held keys.
+
+    Args:
+        read: Waits for at most so many seconds; returns the keys pressed since, or None at the end.
+        while_waiting: Called at intervals while no key is held.
+    """
+    key, due_s = HeldKey(), 0.0
+    while True:
+        now_s = time.monotonic()
+        held = key.held(now_s)
+        names = read(max(due_s - now_s, 0.0) if held else WAIT_S)
+        if names is None:
+            return
+        pressed = list(names)
+        for name in pressed:
+            key.press(name, time.monotonic())
+            if name not in KEYS:
+                yield name, 1.0
+        if held and not pressed:
+            due_s = time.monotonic() + 1.0 / CONTROL_HZ
+            yield held
+        elif not pressed:
+            while_waiting()
+
+
 def _terminal(stream: TextIO, while_waiting: Callable[[], None]) -> Iterator[tuple[str, float]]:
     """Yields pressed and held keys, without waiting for the end of a line."""
     if sys.platform == "win32":
         raise HabError("--agent keyboard reads a POSIX terminal; on Windows, type into a pipe.")
     terminal = stream.fileno()
     before = termios.tcgetattr(terminal)
+    escaped = ""
+
+    def read(wait_s: float) -> Iterable[str] | None:
+        nonlocal escaped
+        if not select.select([terminal], [], [], wait_s)[0]:
+            return ()
+        data = os.read(terminal, 64)
+        if not data:
+            return None
+        escaped += data.decode(errors="ignore")
+        names, escaped = list(_named(escaped)), _unfinished(escaped)
+        return names
+
     try:
         tty.setcbreak(terminal)
-        key, escaped, due_s = HeldKey(), "", 0.0
-        while True:
-            now_s = time.monotonic()
-            held = key.held(now_s)
-            wait_s = max(due_s - now_s, 0.0) if held else WAIT_S
-            if not select.select([terminal], [], [], wait_s)[0]:
-                if held:
-                    due_s = time.monotonic() + 1.0 / CONTROL_HZ
-                    yield held
-                else:
-                    while_waiting()
-                continue
-            data = os.read(terminal, 64)
-            if not data:
-                return
-            escaped += data.decode(errors="ignore")
-            for name in _named(escaped):
-                key.press(name, time.monotonic())
-                if name not in KEYS:
-                    yield name, 1.0
-            escaped = _unfinished(escaped)
+        yield from held_keys(read, while_waiting)
     finally:
         termios.tcsetattr(terminal, termios.TCSADRAIN, before)
 

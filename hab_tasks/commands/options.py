@@ -8,7 +8,7 @@ from typing import Annotated, ClassVar
 
 import tyro
 
-from hab_tasks.commands.keyboard import key_table
+from hab_tasks.commands.keyboard import key_table, meanings
 from hab_tasks.io.console import Command
 from hab_tasks.io.executors import ExecutorChoice
 
@@ -30,21 +30,27 @@ Example:
 class Demo(Command):
     """Options of `hab-tasks demo`."""
 
-    help: ClassVar[str] = f"""Runs one episode in a window or video, and prints its measures.
+    help: ClassVar[
+        str
+    ] = f"""Runs one episode in a window, browser or video, and prints its measures.
 
-Without a display no window opens; --out still writes a video. Keys are read from the terminal. A
-held key keeps moving, slowly for half a second, then at full speed:
-{key_table()}
+Without a display no window opens; --viewer web and --out work all the same. Keys are read from the
+terminal, or in the browser from buttons and keys beside the scene. A held key keeps moving, slowly
+for half a second, then at full speed:
+{key_table(meanings())}
 
 Example:
   hab-tasks demo HabPick-v1 --agent random --steps 60 --out pick.mp4
-  hab-tasks demo HabTidyHouse-v1 --agent keyboard"""
+  hab-tasks demo HabTidyHouse-v1 --agent keyboard --viewer web"""
     work: ClassVar[str] = "hab_tasks.commands.demo:run"
 
     env: Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="ENV")]
     """Environment id; see `hab-tasks list`."""
     agent: Annotated[str, tyro.conf.arg(metavar="NAME")] = "random"
     """random or keyboard."""
+    viewer: Annotated[str, tyro.conf.arg(metavar="NAME")] = "window"
+    """window, or web: a page on the loopback interface, which needs neither a display nor a Vulkan
+    device (pip install 'hab-tasks[view]')."""
     episode: Annotated[int, tyro.conf.arg(metavar="I")] = 0
     """Index of the episode."""
     scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"

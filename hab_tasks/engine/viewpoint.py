@@ -154,12 +154,11 @@ class Marks(HiddenVisuals):
 
     def place(self, world: EpisodeSimulation) -> None:
         """Moves the arrows to the current positions."""
-        points = list(marked_points(world))
-        colors = [color for color, _ in points]
+        colors = [color for color, _ in marked_points(world)]
         if colors != self._colors:
             self._make(colors)
-        for entity, (color, point_m) in zip(self._arrows, points, strict=True):
-            entity.set_pose(sapien.Pose([*point_m[:2], point_m[2] + TIP_M[color]]))
+        for entity, tip_m in zip(self._arrows, tips_m(world), strict=True):
+            entity.set_pose(sapien.Pose(tip_m))
 
     def _make(self, colors: list[tuple[float, float, float]]) -> None:
         for entity in self._arrows:
@@ -184,6 +183,12 @@ def marked_points(world: EpisodeSimulation) -> Iterable[tuple[tuple[float, float
     if world.requirements.navigates and world.episode.navigation is not None:
         x, y, _ = np.asarray(goals.base[0], dtype=float)
         yield GOAL_COLOR, np.array((x, y, 0.0))
+
+
+def tips_m(world: EpisodeSimulation) -> Array:
+    """Returns the tips (M, 3) [m] of the arrows over the marks."""
+    tips = [(*at[:2], at[2] + TIP_M[color]) for color, at in marked_points(world)]
+    return np.array(tips, dtype=float).reshape(-1, 3)
 
 
 def arrow_mesh() -> Any:

@@ -2,6 +2,8 @@
 
 import io
 import re
+import shutil
+import subprocess
 import sys
 from types import SimpleNamespace
 
@@ -84,3 +86,45 @@ def test_without_vulkan_measures_are_told_all_the_same(run, monkeypatch):
     done = run("demo", "HabPick-v1", "--steps", 1)
     assert done.returncode == 0, done.stderr
     assert "no window can be opened. No Vulkan device" in done.stdout
+
+
+@pytest.mark.browser
+@pytest.mark.slow
+def test_keys_and_buttons_in_the_browser_move_the_robot(run):
+    pytest.importorskip("viser", reason="the package viser is not installed")
+    from playwright.sync_api import sync_playwright
+
+    assert "'wall'. Valid: web, window" in run("demo", "HabPick-v1", "--viewer", "wall").stderr
+    command = ("demo", "HabPick-v1", "--agent", "keyboard", "--viewer", "web")
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "hab_tasks", *command], stdout=subprocess.PIPE, text=True
+    )
+    lines, faults = [], []
+    with sync_playwright() as playwright:
+        chromium = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"),
+            args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+        )
+        page = chromium.new_page()
+        page.set_default_timeout(120_000)
+        page.on("console", lambda m: m.type == "error" and faults.append(m.text))
+        page.on("pageerror", lambda error: faults.append(str(error)))
+
+        def wait_for(words):
+            for line in demo.stdout:
+                lines.append(line)
+                if words in line:
+                    return line
+            raise AssertionError("".join(lines))
+
+        page.goto(re.search(r"http\S+", wait_for("open http"))[0])
+        page.wait_for_selector("canvas")
+        page.get_by_text("8: hand ahead").wait_for()
+        page.keyboard.press("8")
+        assert float(re.search(r"reward (\S+)", wait_for("reward"))[1]) != 0.0
+        page.get_by_text("8: hand ahead").click()
+        page.get_by_text("quit").click()
+        wait_for("stopped after")
+        chromium.close()
+    assert demo.wait(timeout=60) == 0
+    assert not faults

@@ -18,7 +18,7 @@ SUFFIXES = (".html", ".viser")
 
 def view(options: ViewCommand) -> int:
     """Repeats the episode, and writes its recording or serves it."""
-    from hab_eval.view.recording import record  # needs viser: said before the episode
+    from hab_eval.view import record  # needs viser: said before the episode
 
     _, record_of_run = read_submission(options)
     (index,) = chosen((options.episode,), record_of_run)

@@ -107,14 +107,13 @@ class MotionRecorder:
         self._motion = None
 
     def _add(self, motion: Motion, seen: StepInfo) -> None:
-        from hab_tasks.engine.viewpoint import TIP_M, marked_points
+        from hab_tasks.engine.viewpoint import tips_m
 
         simulation = self._env.simulation
         poses = [body.entity.pose for body in self._bodies]
         motion.poses.append(np.array([(*pose.p, *pose.q) for pose in poses], dtype=np.float32))
         motion.bases.append(np.array(simulation.snapshot.base[0]))
-        tips = [(*at[:2], at[2] + TIP_M[color]) for color, at in marked_points(simulation)]
-        motion.marks_m.append(np.array(tips).reshape(-1, 3))
+        motion.marks_m.append(tips_m(simulation))
         motion.contacts_m.append(simulation.contact_points_m())
         words = [outcome_words(seen.info), seen.doing, *stage_lines(seen.info)]
         motion.captions.append("\n".join(filter(None, words)))

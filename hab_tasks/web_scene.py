@@ -1,102 +1,76 @@
-"""Recordings of motions: a viser scene that a page plays back without a server."""
+"""An episode's scene in the browser, by viser: robot, furniture, objects, marks and contacts."""
 
 from __future__ import annotations
 
-import contextlib
-import io
-from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
-import viser
 
-from hab_eval.run.motion import Motion
-from hab_eval.view.panels import Panels
 from hab_tasks.arrays import Floats
-from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.engine.ray_sensors import ROBOT
 from hab_tasks.engine.viewpoint import arrow_mesh
+from hab_tasks.errors import HabError
 from hab_tasks.geometry import planar
 from hab_tasks.world.raycast.library import mesh_of
-from hab_tasks.world.scenes.visuals import Visual
+from hab_tasks.world.scenes.visuals import Visual, Visuals
 
-Suffix = Literal[".html", ".viser"]
+try:
+    import viser
+except ImportError as error:
+    raise HabError("viser is not installed; run: pip install 'hab-tasks[view]'") from error
 
 MOVED = 1e-4
-"""A pose changes by more than this [m, or in a quaternion's entry] to be recorded."""
+"""A pose changes by more than this [m, or in a quaternion's entry] to be sent."""
 
 CONTACT_COLOR, CONTACT_SIZE_M = (230, 0, 160), 0.04
 BOX_COLOR = (200, 195, 188)
 
 
-def record(motion: Motion, trace: Sequence[Mapping[str, Any]], suffix: Suffix) -> bytes:
-    """Returns a page, or a file for viser's client, with the episode at real-time speed.
-
-    Args:
-        motion: The episode.
-        trace: The agent's trace; of entries with a ``step``, what it ``believed`` is shown.
-        suffix: ``.html`` or ``.viser``.
-    """
-    # viser prints where its server is; nobody connects to it.
-    with contextlib.redirect_stdout(io.StringIO()):
-        server = viser.ViserServer(host="127.0.0.1", verbose=False)
-        try:
-            return _recorded(server, motion, trace, suffix)
-        finally:
-            server.stop()
-
-
-def _recorded(
-    server: viser.ViserServer, motion: Motion, trace: Sequence[Mapping[str, Any]], suffix: Suffix
-) -> bytes:
-    """Plays the motion in a server's scene, and returns the recording."""
-    scene = _Scene(server, motion, trace)
-    serializer = server.get_scene_serializer()
-    for step in range(1, len(motion.poses)):
-        serializer.insert_sleep(1.0 / CONTROL_HZ)
-        scene.show(step)
-    serializer.insert_sleep(1.0)  # the outcome
-    return serializer.serialize() if suffix == ".viser" else serializer.as_html().encode()
-
-
-class _Scene:
-    """The scene of a motion at one of its steps."""
+class WebScene:
+    """Bodies, marks and contacts in the scene of a viser server."""
 
     def __init__(
-        self, server: viser.ViserServer, motion: Motion, trace: Sequence[Mapping[str, Any]]
+        self,
+        server: viser.ViserServer,
+        bodies: Sequence[tuple[str, Visuals]],
+        marks: Sequence[tuple[float, float, float]],
     ) -> None:
-        """Shows the first step."""
-        self._server, self._motion = server, motion
+        """Adds the bodies, by name and shapes, and an arrow of each mark's color."""
+        self._server = server
         server.scene.set_up_direction("+z")
         server.scene.configure_default_lights(cast_shadow=False)
         self._robot = server.scene.add_frame(f"/{ROBOT}", show_axes=False)
-        self._nodes: list[Any] = [self._add_body(*body) for body in motion.bodies]
-        self._in_robot = np.array([name.startswith(f"{ROBOT}/") for name, _ in motion.bodies])
-        self._marks = [self._add_mark(n, color) for n, color in enumerate(motion.marks)]
-        self._panels = Panels(server, motion, trace)
+        self._nodes: list[Any] = [self._add_body(*body) for body in bodies]
+        self._in_robot = np.array([name.startswith(f"{ROBOT}/") for name, _ in bodies])
+        self._marks = [self._add_mark(n, color) for n, color in enumerate(marks)]
         self._base = np.full(7, np.inf)
-        self._poses = np.full((len(motion.bodies), 7), np.inf)
+        self._poses = np.full((len(bodies), 7), np.inf)
         self._touching = False
-        self.show(0)
 
-    def show(self, step: int) -> None:
-        """Moves everything to a step."""
-        motion = self._motion
-        base = np.array(planar(*map(float, motion.bases[step])))
-        if np.abs(base - self._base).max() > MOVED:
-            self._base = base
-            _move(self._robot, base)
-        poses = motion.poses[step].copy()
-        # Links move with the robot, so that only what moves in it is recorded.
+    def show(self, base: Floats, poses: Floats, marks_m: Floats, contacts_m: Floats) -> None:
+        """Moves everything.
+
+        Args:
+            base: x [m], y [m] and yaw [rad] of the robot's base (3,).
+            poses: Position [m] and quaternion (w, x, y, z) of each body in the world (B, 7).
+            marks_m: Tips of the arrows (M, 3).
+            contacts_m: Points where the robot touches other bodies (C, 3).
+        """
+        pose = np.array(planar(*map(float, base)))
+        if np.abs(pose - self._base).max() > MOVED:
+            self._base = pose
+            _move(self._robot, pose)
+        poses = poses.copy()
+        # Links move with the robot, so that only what moves in it is sent.
         poses[self._in_robot] = _seen_from(self._base, poses[self._in_robot])
         moved = np.abs(poses - self._poses).max(axis=1) > MOVED
         for row in np.flatnonzero(moved):
             self._poses[row] = poses[row]
             _move(self._nodes[row], poses[row])
-        for node, tip_m in zip(self._marks, motion.marks_m[step], strict=True):
+        for node, tip_m in zip(self._marks, marks_m, strict=True):
             node.position = tip_m
-        self._show_contacts(motion.contacts_m[step])
-        self._panels.show(step)
+        self._show_contacts(contacts_m)
 
     def _show_contacts(self, points_m: Floats) -> None:
         if len(points_m):

@@ -1,18 +1,26 @@
-"""Camera images, captions and beliefs above the scene of a recording, and its first view."""
+"""Recordings of motions: a viser scene that a page plays back without a server.
+
+Camera images, captions and beliefs are above the scene.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import io
 import textwrap
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
-import viser
-import viser.transforms as tf
 
 from hab_eval.run.motion import Motion
 from hab_tasks.arrays import Floats
 from hab_tasks.captions import Frame
+from hab_tasks.constants import CONTROL_HZ
+from hab_tasks.geometry import from_matrix
+from hab_tasks.web_scene import WebScene, viser
+
+Suffix = Literal[".html", ".viser"]
 
 LEAST_RADIUS_M = 1.8
 """Least radius of what the first view shows."""
@@ -26,6 +34,44 @@ UPWARDS = 0.5
 TEXT_WIDTH = 60
 BELIEFS = 12
 """Most lines of beliefs."""
+
+
+def record(motion: Motion, trace: Sequence[Mapping[str, Any]], suffix: Suffix) -> bytes:
+    """Returns a page, or a file for viser's client, with the episode at real-time speed.
+
+    Args:
+        motion: The episode.
+        trace: The agent's trace; of entries with a ``step``, what it ``believed`` is shown.
+        suffix: ``.html`` or ``.viser``.
+    """
+    # viser prints where its server is; nobody connects to it.
+    with contextlib.redirect_stdout(io.StringIO()):
+        server = viser.ViserServer(host="127.0.0.1", verbose=False)
+        try:
+            return _recorded(server, motion, trace, suffix)
+        finally:
+            server.stop()
+
+
+def _recorded(
+    server: viser.ViserServer, motion: Motion, trace: Sequence[Mapping[str, Any]], suffix: Suffix
+) -> bytes:
+    """Plays the motion in a server's scene, and returns the recording."""
+    scene = WebScene(server, motion.bodies, motion.marks)
+    panels = Panels(server, motion, trace)
+    _show(scene, panels, motion, 0)
+    serializer = server.get_scene_serializer()
+    for step in range(1, len(motion.poses)):
+        serializer.insert_sleep(1.0 / CONTROL_HZ)
+        _show(scene, panels, motion, step)
+    serializer.insert_sleep(1.0)  # the outcome
+    return serializer.serialize() if suffix == ".viser" else serializer.as_html().encode()
+
+
+def _show(scene: WebScene, panels: Panels, motion: Motion, step: int) -> None:
+    base, poses = motion.bases[step], motion.poses[step]
+    scene.show(base, poses, motion.marks_m[step], motion.contacts_m[step])
+    panels.show(step)
 
 
 class Panels:
@@ -46,7 +92,9 @@ class Panels:
         distance_m = 0.85 * (ABOVE_M - eye_m[2]) / ray[2]
         self._origin_m, self._size_m = eye_m + distance_m * ray, 0.26 * distance_m
         self._right = right
-        self._wxyz = tf.SO3.from_matrix(np.stack((right, down, ahead), axis=1)).wxyz
+        turned = np.eye(4)
+        turned[:3, :3] = np.stack((right, down, ahead), axis=1)
+        self._wxyz = from_matrix(turned)[3:]
         self._images: dict[str, Any] = {}
         beside_m = self._origin_m + self._size_m * (1.2 * right - 0.5 * down)
         self._text = server.scene.add_label("/panels/text", "", position=beside_m)

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from hab_tasks.skills.pick import PickStarts
     from hab_tasks.vector.sb3 import SB3VecEnv
 
-__version__ = "0.3.0"
+__version__ = "1.0.0"
 __all__ = [
     "ARM_MODES",
     "ENVS",

@@ -37,7 +37,7 @@ __all__ = [
     "straight_line",
 ]
 
-__version__ = "0.3.0"
+__version__ = "1.0.0"
 
 __getattr__, __dir__ = names_on_demand(
     __name__,

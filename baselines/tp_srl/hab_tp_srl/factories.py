@@ -27,7 +27,7 @@ from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
-from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
+from hab_tp_srl.options import SEEING, SKILLS, SPA, TeamOptions, read_options
 from hab_tp_srl.policies import AgentPolicy, Decider, SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
@@ -102,6 +102,9 @@ FROM_SENSORS = {
 }
 """Options of `from_sensors`."""
 
+ALL_BY_SPA = {"skills": SEEING, "pick": SEEING, "place": SEEING}
+"""Options of `spa_from_sensors` that differ from these."""
+
 ROWS = 8
 """Episodes played at a time by a team without planned skills."""
 
@@ -167,6 +170,17 @@ def from_sensors(setup: AgentSetup) -> TpSrlAgent:
         HabError: As `tp_srl`.
     """
     return tp_srl(replace(setup, options={**FROM_SENSORS, **setup.options}))
+
+
+def spa_from_sensors(setup: AgentSetup) -> TpSrlAgent:
+    """Returns `from_sensors` with every skill by sense-plan-act from depth.
+
+    Only navigation is learned. Options are those of `tp_srl`.
+
+    Raises:
+        HabError: As `tp_srl`.
+    """
+    return from_sensors(replace(setup, options={**ALL_BY_SPA, **setup.options}))
 
 
 def _view(task: Task, options: TeamOptions, sees: bool) -> TaskView:

@@ -97,12 +97,16 @@ FROM_SENSORS = {
     "aim": "object",
     "pick": "spa+pick_fridge+pick_depth",
     "place": "spa+place_fridge+place_depth",
+    "open_drawer": "spa+open_drawer_depth",
+    "close_drawer": "spa+close_drawer_depth",
+    "open_fridge": "open_fridge_depth+spa",
+    "close_fridge": "close_fridge_depth+spa",
     "retries": "3",
     "replan": "5",
 }
 """Options of `from_sensors`."""
 
-ALL_BY_SPA = {"skills": SEEING, "pick": SEEING, "place": SEEING}
+ALL_BY_SPA = dict.fromkeys(("skills", *SKILLS), SEEING)
 """Options of `spa_from_sensors` that differ from these."""
 
 ROWS = 8
@@ -278,6 +282,7 @@ def _name(options: TeamOptions) -> str:
     if planned:
         everything = len(planned) == len(options.skills)
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
+    parts += ["all skills by SPA"] * all(list(by) == [SPA] for by in options.skills.values())
     parts += ["aims by the object"] * options.aims_object
     parts += ["arm not reset"] * (not options.resets_arm)
     parts += ["actions drawn"] * options.draws_actions

@@ -168,11 +168,14 @@ class SeenFridge(SeenFurniture):
     def find(self, opened: bool) -> bool:
         """Looks for the fridge around the object; returns whether it is found, now or before."""
         self.look()
-        base_m = self.world_from_base[:2, 3]
-        found = find_fridge(self._images(), self.object_m(0), base_m, opened)
+        images, base_m = self._images(), self.world_from_base[:2, 3]
+        # One that is to be opened may stand ajar after an attempt.
+        tried = [find_fridge(images, self.object_m(0), base_m, one) for one in {opened, True}]
+        found = max((one for one in tried if one), key=lambda one: one.score, default=None)
         if found is not None:
             self._found, self._opened = found, opened
-            self._open_by(float(found.pose[3]))
+            self._felt_rad = float(found.pose[3])
+            self._open_by(self._felt_rad)
         return self._found is not None
 
     def articulation(self, number: int) -> ArticulationState:

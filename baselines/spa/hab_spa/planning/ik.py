@@ -231,7 +231,7 @@ class CompiledArm(BatchArm):
     @cached_property
     def _arm(self) -> tuple[Array, Array]:
         """Joints (J, 13) and limits (2, J), as the kernel takes them."""
-        return chain_of(self._model), np.stack(self.limits_rad)
+        return chain_of(self.robot), np.stack(self.limits_rad)
 
     @property
     def starts(self) -> PoseTable:
@@ -282,7 +282,8 @@ class PoseTable:
     def __init__(self, arm: CompiledArm, count: int = TABLE_POSES) -> None:
         # A fixed seed, as the results of planning depend on the table.
         self._poses = arm.random(np.random.default_rng(0), count)
-        self._tree = KDTree(arm.positions_m(self._poses))
+        # Large leaves, as queries ask for hundreds of neighbors.
+        self._tree = KDTree(arm.positions_m(self._poses), leafsize=100)
 
     def near(self, points_m: Array, count: int) -> tuple[Array, Array]:
         """Returns the poses nearest to points (P, 3) in the arm's root frame.

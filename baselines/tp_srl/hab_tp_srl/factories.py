@@ -27,7 +27,7 @@ from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.tasks.base import Task
 from hab_tp_srl.hand_over import Resetting, ReturningNavigator
 from hab_tp_srl.navigators import LearnedNavigator, NavigatorPolicy, ReturningOracle
-from hab_tp_srl.options import SKILLS, SPA, TeamOptions, read_options
+from hab_tp_srl.options import SEEING, SKILLS, SPA, TeamOptions, read_options
 from hab_tp_srl.policies import AgentPolicy, Decider, SkillPolicy
 from hab_tp_srl.providers import Policies, providers
 from hab_tp_srl.scenes import GuidedScene, ObservedScene
@@ -97,10 +97,17 @@ FROM_SENSORS = {
     "aim": "object",
     "pick": "spa+pick_fridge+pick_depth",
     "place": "spa+place_fridge+place_depth",
+    "open_drawer": "spa+open_drawer_depth",
+    "close_drawer": "spa+close_drawer_depth",
+    "open_fridge": "open_fridge_depth+spa",
+    "close_fridge": "close_fridge_depth+spa",
     "retries": "3",
     "replan": "5",
 }
 """Options of `from_sensors`."""
+
+ALL_BY_SPA = dict.fromkeys(("skills", *SKILLS), SEEING)
+"""Options of `spa_from_sensors` that differ from these."""
 
 ROWS = 8
 """Episodes played at a time by a team without planned skills."""
@@ -167,6 +174,17 @@ def from_sensors(setup: AgentSetup) -> TpSrlAgent:
         HabError: As `tp_srl`.
     """
     return tp_srl(replace(setup, options={**FROM_SENSORS, **setup.options}))
+
+
+def spa_from_sensors(setup: AgentSetup) -> TpSrlAgent:
+    """Returns `from_sensors` with every skill by sense-plan-act from depth.
+
+    Only navigation is learned. Options are those of `tp_srl`.
+
+    Raises:
+        HabError: As `tp_srl`.
+    """
+    return from_sensors(replace(setup, options={**ALL_BY_SPA, **setup.options}))
 
 
 def _view(task: Task, options: TeamOptions, sees: bool) -> TaskView:
@@ -264,6 +282,7 @@ def _name(options: TeamOptions) -> str:
     if planned:
         everything = len(planned) == len(options.skills)
         parts.append(f"{'all skills' if everything else ', '.join(planned)} by SPA-Priv")
+    parts += ["all skills by SPA"] * all(list(by) == [SPA] for by in options.skills.values())
     parts += ["aims by the object"] * options.aims_object
     parts += ["arm not reset"] * (not options.resets_arm)
     parts += ["actions drawn"] * options.draws_actions

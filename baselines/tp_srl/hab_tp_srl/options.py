@@ -19,7 +19,7 @@ PLANNED = "spa_priv"
 """Value of a skill's option: sense-plan-act with ground truth instead of a policy."""
 
 SEEING = "spa"
-"""Value of the options pick and place: sense-plan-act from depth images."""
+"""Value of a skill's option: sense-plan-act from depth images."""
 
 SPA = "hab_spa:spa"
 
@@ -31,7 +31,7 @@ KNOWLEDGE = ("observed", "true")
 AIMS = ("hand", "object")
 RESETS = ("on", "off")
 ACTIONS = ("likely", "drawn")
-KINDS = ("blind", "depth", PLANNED)
+KINDS = ("blind", "depth", SEEING, PLANNED)
 """Values of the option ``skills``: policies by the suffix of their recipes, or planning."""
 
 NAVIGATE_DEFAULT = NAVIGATOR
@@ -129,7 +129,7 @@ def read_options(setup: AgentSetup, needed: tuple[str, ...]) -> TeamOptions:
 
 def _executors(options: Mapping[str, str], skill: str, kind: str) -> list[Path | str | None]:
     """Returns who executes a skill, in turn."""
-    default = PROVIDERS.get(skill, PLANNED if kind == PLANNED else f"{skill}_{kind}")
+    default = PROVIDERS.get(skill, kind if kind in (PLANNED, SEEING) else f"{skill}_{kind}")
     value = options.get(skill, default)
     values = [value] if Path(value).exists() else value.split(IN_TURN)
     return [_executed_by(skill, one) for one in values]
@@ -137,7 +137,7 @@ def _executors(options: Mapping[str, str], skill: str, kind: str) -> list[Path |
 
 def _executed_by(skill: str, value: str) -> Path | str | None:
     """Returns the weights of a skill or ``module:factory``; None if it is planned."""
-    if value == SEEING and skill in ("pick", "place"):
+    if value == SEEING and skill in SKILLS:
         return SPA
     if ":" in value and not Path(value).exists():
         return value
@@ -160,8 +160,8 @@ def _weights(skill: str, value: str) -> Path:
     if value in names:
         return shipped_weights(value, option=skill)
     own = sorted(name for name in names if name.startswith(skill))
-    planned = [NAVIGATOR if skill == "navigate" else PLANNED]
-    planned += [SEEING] * (skill in ("pick", "place"))
+    planned = [NAVIGATOR] if skill == "navigate" else [PLANNED]
+    planned += [SEEING] * (skill in SKILLS)
     raise UnknownNameError(f"value of the agent's option {skill}", value, [*own, *planned])
 
 

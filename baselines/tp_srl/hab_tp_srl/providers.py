@@ -196,14 +196,14 @@ class LearnedSkill:
         """Opens or closes; whether a door or drawer is closed is seen."""
         view, closes = self.view, stage.action.verb == "close"
         before = view.look(robot.spec)
-        if closes and view.see_closed(before, number):
+        if closes and view.see_closed(before, stage, number):
             return None
         view.see_front(before, number)
         failure = yield from self._act(robot, stage, ending, view.point(stage))
         if not closes:
             view.see_opened(view.look(robot.spec), number)
             return failure
-        closed = view.see_closed(view.look(robot.spec), number)
+        closed = view.see_closed(view.look(robot.spec), stage, number)
         return None if closed else failure or Failure.EXECUTION
 
     def _handle(self, robot: Robot, stage: Stage, ending: Ending) -> Motion:

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 from hab_spa.sensing.cloud import DepthView, world_from_base
+from hab_spa.sensing.fridge_fit import Images, find_fridge
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.shapes import Array, invert_pose
 from numpy.typing import NDArray
@@ -187,6 +188,10 @@ MOST_CHANGED = 0.3
 0.05 at most, and others 0.67 at least."""
 
 
+AJAR_RAD = 0.3
+"""A fridge that is found with a smaller opening may as well be closed."""
+
+
 class Fronts:
     """The closed fronts of an episode's doors and drawers, in a frame that does not move."""
 
@@ -234,6 +239,15 @@ def is_there(look: Look, front_m: Array) -> bool | None:
     if len(gaps_m) < max(LEAST_SEEN, LEAST_VIEW * len(front_m)):
         return None
     return bool((np.abs(gaps_m) > SAME_M).mean() <= MOST_CHANGED)
+
+
+def fridge_stands_open(look: Look, inside_m: Array) -> bool:
+    """Whether the fridge around a place (3,), in the base frame, is seen with its door open."""
+    world_from_base = invert_pose(look.base_from_world)
+    place_m = world_from_base[:3, :3] @ inside_m + world_from_base[:3, 3]
+    images = Images.of([look.view], [look.own])
+    found = find_fridge(images, place_m, world_from_base[:2, 3], opened=True)
+    return found is not None and bool(found.pose[3] > AJAR_RAD)
 
 
 def changed(look: Look, front_m: Array) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.sight import Fronts, Look, changed, is_there, middle_m
+from hab_tp_srl.sight import Fronts, Look, changed, fridge_stands_open, is_there, middle_m
 
 GONE_M = 0.09
 """The middle of what is seen of an object is so near to its centre of mass."""
@@ -185,15 +185,16 @@ class TaskView:
         if self.felt.openings[number] == "open":
             self._fronts.keep(number, lambda points_m: changed(look, self._in_base(points_m)))
 
-    def see_closed(self, look: Look, number: int) -> bool:
-        """Returns whether a door or drawer is seen to be closed, and believes it.
+    def see_closed(self, look: Look, stage: Stage, number: int) -> bool:
+        """Returns whether a stage's door or drawer is seen to be closed, and believes it.
 
         One that is not in view is taken for open: it may be, and the way to close it leads there.
         """
-        front_m = self._fronts.of(number)
-        if not len(front_m):  # what was felt counts
+        front_m, inside_m = self._fronts.of(number), self._in_base(self.point(stage))
+        closed = stage.skill != "close_fridge" or not fridge_stands_open(look, inside_m)
+        if closed and not len(front_m):  # what was felt counts
             return self.felt.openings[number] == "closed"
-        closed = is_there(look, self._in_base(front_m))
+        closed = closed and is_there(look, self._in_base(front_m))
         self.felt.openings[number] = "closed" if closed else "ajar"
         return bool(closed)
 

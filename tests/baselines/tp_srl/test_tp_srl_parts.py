@@ -187,6 +187,12 @@ def test_the_spec_says_what_a_team_needs(weights, learned):
     assert (spec.privileged, spec.handle_position, spec.obs_mode) == (False, True, "state_dict")
     blind = dict.fromkeys(("skills", "navigation"), "blind") | learned
     assert not hab_tp_srl.from_sensors(agent_setup("HabSetTable-v1", options=blind)).spec.privileged
+    planned = hab_tp_srl.spa_from_sensors(agent_setup("HabSetTable-v1")).spec
+    assert (planned.privileged, planned.handle_position, planned.obs_mode) == (
+        False,
+        False,
+        "depth",
+    )
     mixed = team(**{**learned, "place": "spa_priv", "pick": str(weights["pick_depth"])}).spec
     assert (mixed.privileged, mixed.rows, mixed.handle_position) == (True, 1, False)
     assert (mixed.obs_mode, mixed.looks) == ("depth", "on demand")

@@ -10,6 +10,7 @@ from hab_plans.motion import Failure, Motion
 from hab_spa.agents.agent import Behaviour, SpaAgent, control_mode, planned, skill_asked
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.follow import FollowConfig
+from hab_spa.motion.moves import draw_out, rest
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.joint_goal import GoalConfig
@@ -123,9 +124,14 @@ def _fridge_seen(
             return Failure.TARGET_PLAN
     # How far a door is open is known to a few hundredths of a radian.
     config = FridgeConfig(slack_rad=0.05, open_to=1.95, opened=1.72, let_go=1.84)
-    return (
-        yield from _with_retries(robot, lambda r, n: skill(r, n, region, config), number, risk=1)
+    failure = yield from _with_retries(
+        robot, lambda r, n: skill(r, n, region, config), number, risk=1
     )
+    if failure is not None and failure is not Failure.EXECUTION:
+        # Beside an open door there may be no path to rest that is seen to be free.
+        yield from draw_out(robot, robot.config.follow.settled_rad)
+        yield from rest(robot, without=scene.articulation(number).body)
+    return failure
 
 
 def drawer_seen(robot: Robot, number: int, skill: Callable[..., Motion]) -> Motion:

@@ -43,6 +43,9 @@ LEAST_VOXELS = 4
 REFIT_STEPS = 3
 """A door that the hand has let go is looked at in this interval."""
 
+AS_FELT_RAD = np.array((-0.15, 0.5))
+"""A door that was opened stands where the hand let it go, or has been pushed farther."""
+
 DRAWER_HALF_M, HANDLE_M = 0.097, 0.1
 """Half of a drawer's height, and how far its handle stands out."""
 
@@ -144,6 +147,7 @@ class SeenFridge(SeenFurniture):
         self._found: Found | None = None
         self._taken: tuple[float, float] | None = None
         self._age, self._widest_rad = 0, 0.0
+        self._felt_rad, self._opened = 0.0, False
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Processes an observation; a held handle tells how far the door is open."""
@@ -158,24 +162,31 @@ class SeenFridge(SeenFurniture):
             self._taken = joint, at_rad
         began_rad, first_rad = self._taken
         turned_rad = np.angle(np.exp(1j * (at_rad - first_rad)))
-        self._open_by(began_rad - self._found.side * turned_rad)
+        self._felt_rad = float(began_rad - self._found.side * turned_rad)
+        self._open_by(self._felt_rad)
 
     def find(self, opened: bool) -> bool:
         """Looks for the fridge around the object; returns whether it is found, now or before."""
         self.look()
-        base_m = self.world_from_base[:2, 3]
-        found = find_fridge(self._images(), self.object_m(0), base_m, opened)
+        images, base_m = self._images(), self.world_from_base[:2, 3]
+        # One that is to be opened may stand ajar after an attempt.
+        tried = [find_fridge(images, self.object_m(0), base_m, one) for one in {opened, True}]
+        found = max((one for one in tried if one), key=lambda one: one.score, default=None)
         if found is not None:
-            self._found = found
-            self._open_by(float(found.pose[3]))
+            self._found, self._opened = found, opened
+            self._felt_rad = float(found.pose[3])
+            self._open_by(self._felt_rad)
         return self._found is not None
 
     def articulation(self, number: int) -> ArticulationState:
         """Returns the fridge's door."""
         if not self._was_holding and self._age >= REFIT_STEPS:
             self._age, joint = 0, seen_joint(self._images(), self._fridge)
-            if joint is not None:
+            if joint is not None and self._opened:
                 self._open_by(joint)
+            elif joint is not None and self._widest_rad > 0.0:
+                # A door that was opened stays, and its inside may be taken for its front.
+                self._open_by(float(np.clip(joint, *(self._felt_rad + AS_FELT_RAD))))
         return articulation_of(self._fridge.pose, self._fridge.side, self._was_holding)
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:

@@ -107,7 +107,7 @@ class FitConfig:
         spread: Standard deviations out of the front, along it [m], in yaw and opening [rad].
         handle: Score of a handle that is seen where it belongs ...
         handle_points: ... with at least so many points.
-        least_score: Minimum score.
+        least_score, least_closed: Minimum score, and that of a closed fridge, which shows more.
     """
 
     planes: int = 8
@@ -130,6 +130,7 @@ class FitConfig:
     handle: float = 200.0
     handle_points: int = 10
     least_score: float = 250.0
+    least_closed: float = 500.0
 
 
 def find_fridge(
@@ -159,7 +160,8 @@ def find_fridge(
         found = [_refined(images, start, 1, config, rng) for start in starts]
     judged = [_with_handle(images, one, opened, config) for one in found]
     best = max(judged, key=lambda one: one.score, default=None)
-    return best if best is not None and best.score >= config.least_score else None
+    least = config.least_score if opened else config.least_closed
+    return best if best is not None and best.score >= least else None
 
 
 def _with_door(

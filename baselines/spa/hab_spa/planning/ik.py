@@ -282,8 +282,7 @@ class PoseTable:
     def __init__(self, arm: CompiledArm, count: int = TABLE_POSES) -> None:
         # A fixed seed, as the results of planning depend on the table.
         self._poses = arm.random(np.random.default_rng(0), count)
-        # Large leaves, as queries ask for hundreds of neighbors.
-        self._tree = KDTree(arm.positions_m(self._poses), leafsize=100)
+        self._tree = KDTree(arm.positions_m(self._poses))
 
     def near(self, points_m: Array, count: int) -> tuple[Array, Array]:
         """Returns the poses nearest to points (P, 3) in the arm's root frame.

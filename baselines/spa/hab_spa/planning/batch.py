@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from typing import Any, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
-import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
 from hab_spa.shapes import Array, shape_bounds_m
 from hab_tasks.privileged import CollisionBody, CollisionShape
+from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.raycast.compiled import load
 
 HIT, FREE, UNSURE = 0, 1, 2
@@ -255,9 +256,10 @@ def blocks_of(
     return np.ascontiguousarray(np.concatenate(spheres).T), np.array(first, dtype=np.int64)
 
 
-def chain_of(model: pin.Model) -> Array:
-    """Returns the joints (J, 13) of the arm: placements and axes."""
-    rows = []
+@cache
+def chain_of(robot: RobotSpec) -> Array:
+    """Returns the joints (J, 13) of the arm: placements and axes; made once, do not modify."""
+    rows, (model, _) = [], arm_model(robot)
     # Pinocchio's first joint is the world.
     for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
         axis = "XYZ".index(joint.shortname()[-1])

@@ -307,7 +307,7 @@ class ArmCollision:
             place[statics:],
         )
         self._shapes = batch.Shapes(
-            chain=batch.chain_of(self._model),
+            chain=batch.chain_of(self.robot),
             box_m=batch.boxes_of(local_m[:statics], place[:statics]),
             place=np.concatenate((batch.rows_of(place), np.zeros((1, 12)))),
             local_m=np.concatenate((local_m, np.zeros((1, 9)))),
@@ -344,9 +344,11 @@ class ArmCollision:
     def _own_pairs(self) -> NDArray[np.int64]:
         """Returns the self-collision pairs (P, 2), without pairs in contact at the rest pose."""
         items, allowed = self._items, allowed_link_pairs(self.robot)
-        arm, own = items.role == "arm", np.isin(items.role, ("arm", "robot"))
-        paired = np.logical_and.outer(arm, own) & (items.link[:, None] != items.link)
-        pairs = np.argwhere(np.triu(paired | paired.T, 1))
+        # Of the robot's shapes only, as comparing names is slow.
+        own = np.flatnonzero((items.role == "arm") | (items.role == "robot"))
+        arm, link = items.role[own] == "arm", items.link[own]
+        paired = arm[:, None] & (link[:, None] != link)
+        pairs = own[np.argwhere(np.triu(paired | paired.T, 1))]
         pairs = pairs[[frozenset(both) not in allowed for both in items.link[pairs].tolist()]]
         # In use for a moment, as the kernel answers for pairs in use only.
         self._use_pairs(pairs)

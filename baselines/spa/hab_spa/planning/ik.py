@@ -231,7 +231,7 @@ class CompiledArm(BatchArm):
     @cached_property
     def _arm(self) -> tuple[Array, Array]:
         """Joints (J, 13) and limits (2, J), as the kernel takes them."""
-        return chain_of(self._model), np.stack(self.limits_rad)
+        return chain_of(self.robot), np.stack(self.limits_rad)
 
     @property
     def starts(self) -> PoseTable:

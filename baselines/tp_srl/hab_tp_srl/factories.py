@@ -97,10 +97,6 @@ FROM_SENSORS = {
     "aim": "object",
     "pick": "spa+pick_fridge+pick_depth",
     "place": "spa+place_fridge+place_depth",
-    "open_drawer": "spa+open_drawer_depth",
-    "close_drawer": "spa+close_drawer_depth",
-    "open_fridge": "open_fridge_depth+spa",
-    "close_fridge": "close_fridge_depth+spa",
     "retries": "3",
     "replan": "5",
 }

@@ -102,7 +102,7 @@ FROM_SENSORS = {
 }
 """Options of `from_sensors`."""
 
-ALL_BY_SPA = dict.fromkeys(("skills", *SKILLS), SEEING)
+ALL_BY_SPA = dict.fromkeys(("skills", "pick", "place"), SEEING)
 """Options of `spa_from_sensors` that differ from these."""
 
 ROWS = 8

@@ -96,6 +96,7 @@ class Scratch(NamedTuple):
         near: (S,) whether a static shape is near; padded to a multiple of eight.
         eight: The same memory, eight shapes at a time.
         centre_m: (M, 3) centres of moving shapes.
+        is_placed: (M,) whether the pose of each moving shape is up to date.
         todo: (P, 2) pairs that are near.
         pose: (1, J) an arm pose.
         reach_m: (1,) the largest margin.
@@ -108,6 +109,7 @@ class Scratch(NamedTuple):
     near: NDArray[np.uint8]
     eight: NDArray[np.uint64]
     centre_m: Floats
+    is_placed: NDArray[np.bool_]
     todo: Ints
     pose: Floats
     reach_m: Floats

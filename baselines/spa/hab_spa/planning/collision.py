@@ -283,8 +283,7 @@ class ArmCollision:
 
     @cached_property
     def _coal(self) -> CoalModel:
-        items = self._items
-        return CoalModel(self._model, items.geometries(), items.joint, items.pose)
+        return CoalModel(self._model, self._items)
 
     def _make_shapes(self) -> None:
         """Makes the kernel's arrays, and chooses the pairs that are checked."""
@@ -329,8 +328,7 @@ class ArmCollision:
         """Sets the pairs (P, 2) that are checked."""
         self._pairs = pairs[np.lexsort((pairs[:, 1], pairs[:, 0]))]
         self._with_scene = (self._items.role == "scene")[self._pairs].any(axis=1)
-        octree = np.array([isinstance(source, Obstacle) for source in self._items.source])
-        self._with_octree = octree[self._pairs].any(axis=1)
+        self._with_octree = (self._items.kind == batch.VOXELS)[self._pairs].any(axis=1)
         # The kernel numbers static shapes first, and moving ones lead a pair.
         ranks = np.sort(self._rank[self._pairs], axis=1)[:, ::-1]
         self._entries = ranks[:, 0] - self._statics, ranks[:, 1]

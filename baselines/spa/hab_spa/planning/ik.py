@@ -284,14 +284,20 @@ class PoseTable:
         self._poses = arm.random(np.random.default_rng(0), count)
         self._tree = KDTree(arm.positions_m(self._poses))
 
-    def near(self, points_m: Array, count: int) -> tuple[Array, Array]:
-        """Returns the poses nearest to points (P, 3) in the arm's root frame.
+    def near(self, points_m: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+        """Returns about half of the `count` poses nearest to each point, chosen at random.
+
+        Args:
+            points_m: (P, 3) in the arm's root frame.
+            count: Number of poses a point.
+            rng: Chooses.
 
         Returns:
-            `count` poses a point (P * count, J), and the point of each (P * count, 3).
+            The poses (B, J), and the point of each (B, 3).
         """
-        _, found = self._tree.query(points_m, k=count)
-        return self._poses[found.ravel()], np.repeat(points_m, count, axis=0)
+        found = self._tree.query(points_m, k=count)[1].ravel()
+        chosen = np.flatnonzero(rng.random(len(found)) < 0.5)
+        return self._poses[found[chosen]], points_m[chosen // count]
 
 
 @cache

@@ -38,44 +38,6 @@ class Contact:
     distance_m: float
 
 
-class CoalModel:
-    """The shapes of a collision model, with their current poses in their joints' frames."""
-
-    def __init__(
-        self, model: pin.Model, shapes: Sequence[CoalShape], joints: NDArray[np.int64], poses: Array
-    ) -> None:
-        """Takes the shapes of an arm.
-
-        Args:
-            model: The arm.
-            shapes: N shapes.
-            joints: (N,) the joint that each moves with; 0 for the root.
-            poses: (N, 4, 4) their poses in the joints' frames; not copied.
-        """
-        self._model, self._data = model, model.createData()
-        self._shapes, self._joints, self._poses = shapes, joints.tolist(), poses
-        self._request = coal.CollisionRequest(coal.CollisionRequestFlag.NO_REQUEST, 1)
-
-    def collides(self, qpos: Array, first: int, second: int, margin_m: float) -> bool:
-        """Whether two shapes are closer than a margin at an arm pose (J,) [rad]."""
-        pin.forwardKinematics(self._model, self._data, qpos)
-        self._request.security_margin = margin_m
-        self._request.distance_upper_bound = margin_m + 1e-6  # as Pinocchio does
-        placed = (*self._placed(first), *self._placed(second))
-        return coal.collide(*placed, self._request, coal.CollisionResult()) > 0
-
-    def distance_m(self, qpos: Array, first: int, second: int) -> float:
-        """Returns the distance of two shapes; negative when they penetrate."""
-        pin.forwardKinematics(self._model, self._data, qpos)
-        placed = (*self._placed(first), *self._placed(second))
-        return coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
-
-    def _placed(self, number: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
-        geometry, offset = self._shapes[number]
-        pose = self._data.oMi[self._joints[number]] * pin.SE3(self._poses[number] @ offset)
-        return geometry, coal.Transform3s(pose.rotation, pose.translation)
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Obstacle:
     """An obstacle seen by a camera: voxels.
@@ -119,14 +81,45 @@ class Items:
         source = self.source[number]
         return f"{self.body[number]}#{source[1]}" if isinstance(source, tuple) else source.name
 
-    def geometries(self) -> list[CoalShape]:
-        """Returns the shapes for coal."""
-        return [
-            coal_shapes(source[0])[source[1]]
-            if isinstance(source, tuple)
-            else (coal.makeOctree(source.centres_m, source.size_m), np.eye(4))
-            for source in self.source
-        ]
+    def geometry(self, number: int) -> CoalShape:
+        """Returns a shape for coal."""
+        source = self.source[number]
+        if isinstance(source, tuple):
+            return coal_shapes(source[0])[source[1]]
+        return coal.makeOctree(source.centres_m, source.size_m), np.eye(4)
+
+
+class CoalModel:
+    """Coal's answers for pairs of shapes, with their current poses in their joints' frames."""
+
+    def __init__(self, model: pin.Model, items: Items) -> None:
+        """Takes the model of the arm, and the shapes; their poses are not copied."""
+        self._model, self._data = model, model.createData()
+        self._items, self._joints = items, items.joint.tolist()
+        self._shapes: dict[int, CoalShape] = {}
+        self._request = coal.CollisionRequest(coal.CollisionRequestFlag.NO_REQUEST, 1)
+
+    def collides(self, qpos: Array, first: int, second: int, margin_m: float) -> bool:
+        """Whether two shapes are closer than a margin at an arm pose (J,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, qpos)
+        self._request.security_margin = margin_m
+        self._request.distance_upper_bound = margin_m + 1e-6  # as Pinocchio does
+        placed = (*self._placed(first), *self._placed(second))
+        return coal.collide(*placed, self._request, coal.CollisionResult()) > 0
+
+    def distance_m(self, qpos: Array, first: int, second: int) -> float:
+        """Returns the distance of two shapes; negative when they penetrate."""
+        pin.forwardKinematics(self._model, self._data, qpos)
+        placed = (*self._placed(first), *self._placed(second))
+        return coal.distance(*placed, coal.DistanceRequest(), coal.DistanceResult())
+
+    def _placed(self, number: int) -> tuple[coal.CollisionGeometry, coal.Transform3s]:
+        # Coal is asked about few of the shapes, and an octree takes longer to make than a plan.
+        if number not in self._shapes:
+            self._shapes[number] = self._items.geometry(number)
+        geometry, offset = self._shapes[number]
+        pose = self._data.oMi[self._joints[number]] * pin.SE3(self._items.pose[number] @ offset)
+        return geometry, coal.Transform3s(pose.rotation, pose.translation)
 
 
 def moving_links(robot: RobotSpec) -> tuple[str, ...]:
@@ -161,11 +154,12 @@ def collect(
     # Without moving shapes, every pose would be free.
     if "arm" not in roles:
         raise ValueError("collision model: the arm has no shapes; rebuild the scene.")
-    placed = [_placed(robot, state, *of, arm_from_world) for of in zip(bodies, roles, strict=True)]
-    placed += [(0, arm_from_world)] * len(obstacles)
+    joints, poses = _placed(robot, state, bodies, roles, arm_from_world)
+    joints += [0] * len(obstacles)
+    poses = np.concatenate((poses, np.repeat(arm_from_world[None], len(obstacles), axis=0)))
     known = [*map(outlines, bodies), *map(_seen, obstacles)]
     counts = [len(outline.kind) for outline in known]
-    pose = np.repeat([pose for _, pose in placed], counts, axis=0)
+    pose = np.repeat(poses, counts, axis=0)
     pose = pose @ np.concatenate([outline.body_from_shape for outline in known])
     local_m = np.concatenate([outline.local_m for outline in known])
     role = np.repeat([*roles, *["scene"] * len(obstacles)], counts)
@@ -175,13 +169,13 @@ def collect(
     sources = [(body, i) for body in bodies for i in range(len(body.shapes))] + list(obstacles)
     vertices_m = [own for outline in known for own in outline.vertices_m]
     names = np.repeat([*(b.name for b in bodies), *(o.name for o in obstacles)], counts)
-    joints, names = np.repeat([joint for joint, _ in placed], counts), names[chosen]
+    names = names[chosen]
     return Items(
         source=[sources[number] for number in chosen],
         body=names,
         link=np.array([_link(name) for name in names]),
         role=role[chosen],
-        joint=joints[chosen],
+        joint=np.repeat(joints, counts)[chosen],
         pose=pose[chosen],
         local_m=local_m[chosen],
         kind=np.concatenate([outline.kind for outline in known])[chosen],
@@ -212,20 +206,30 @@ def _role(robot: RobotSpec, body: CollisionBody, held: str | None) -> str:
 
 
 def _placed(
-    robot: RobotSpec, state: PrivilegedState, body: CollisionBody, role: str, arm_from_world: Array
-) -> tuple[int, Array]:
-    """Returns a body's joint and pose (4, 4) in it: of the arm, the wrist if held, or the root."""
-    link, poses, (model, _) = _link(body.name), state.world_from_body, arm_model(robot)
-    # Fingers are placed as they are, like a held object: the model has the arm's joints only.
-    if role == "held" or link in robot.finger_links:
-        gripper = model.frames[model.getFrameId(robot.ee_link)]
-        world_from_gripper = next(poses[key] for key in poses if _link(key) == robot.ee_link)
-        own = invert_pose(world_from_gripper) @ poses[body.name]
-        return gripper.parentJoint, gripper.placement.homogeneous @ own
-    if role == "arm":
-        frame = model.frames[model.getFrameId(link)]
-        return frame.parentJoint, frame.placement.homogeneous
-    return 0, arm_from_world @ poses[body.name]
+    robot: RobotSpec,
+    state: PrivilegedState,
+    bodies: Sequence[CollisionBody],
+    roles: Sequence[str],
+    arm_from_world: Array,
+) -> tuple[list[int], Array]:
+    """Returns the joint of each body, and its pose (B, 4, 4) in it: of the arm, or the root."""
+    (model, _), world_from_body = arm_model(robot), state.world_from_body
+    joints, poses = [0] * len(bodies), np.stack([world_from_body[body.name] for body in bodies])
+    gripper = model.frames[model.getFrameId(robot.ee_link)]
+    world_from_gripper = next(
+        pose for name, pose in world_from_body.items() if _link(name) == robot.ee_link
+    )
+    wrist_from_world = gripper.placement.homogeneous @ invert_pose(world_from_gripper)
+    placed = arm_from_world @ poses
+    for i, (body, role) in enumerate(zip(bodies, roles, strict=True)):
+        link = _link(body.name)
+        # Fingers are placed as they are, like a held object: the model has the arm's joints only.
+        if role == "held" or link in robot.finger_links:
+            joints[i], placed[i] = gripper.parentJoint, wrist_from_world @ poses[i]
+        elif role == "arm":
+            frame = model.frames[model.getFrameId(link)]
+            joints[i], placed[i] = frame.parentJoint, frame.placement.homogeneous
+    return joints, placed
 
 
 def _seen(obstacle: Obstacle) -> Outlines:

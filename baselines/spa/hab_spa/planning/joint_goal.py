@@ -290,9 +290,8 @@ def _seeded_goals(
     if len(points_m) > config.seeded_points:
         points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
     count = config.seeded_starts // len(points_m)
-    starts, targets_m = arm.starts.near(in_arm(points_m, collision), count)
     # The table is the same for every seed, but another attempt needs other starts.
-    starts, targets_m = starts[keep := rng.random(len(starts)) < 0.5], targets_m[keep]
+    starts, targets_m = arm.starts.near(in_arm(points_m, collision), count, rng)
     # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
     found = roomy = np.zeros((0, len(arm.rest_rad)))

@@ -241,7 +241,10 @@ def _within(shapes: Shapes, work: Scratch) -> int:
     own, local_m, todo, count = shapes.own, shapes.local_m, work.todo, 0
     statics, centre_m = shapes.box_m.shape[1], work.centre_m
     for m in range(len(centre_m)):
-        centre_m[m, 0], centre_m[m, 1], centre_m[m, 2] = _centre(local_m, statics + m, work.placed)
+        i = statics + m
+        x, y, z = _centre(local_m, i, shapes.place)
+        x, y, z = out_of(work.joints, shapes.span[i, 3], x, y, z)
+        centre_m[m, 0], centre_m[m, 1], centre_m[m, 2] = x, y, z
     for p in range(len(own)):
         i, j, gap2 = own[p, 0], own[p, 1], 0.0
         for axis in range(3):
@@ -257,12 +260,14 @@ def _within(shapes: Shapes, work: Scratch) -> int:
 def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
     """Checks an arm pose of (B, J): `HIT`, `FREE` or `UNSURE`."""
     statics, found = shapes.box_m.shape[1], FREE
-    _place(shapes, poses, b, work)
+    _move(shapes, poses, b, work)
     # The hand, which collides most, first; the arm with itself last.
     for g in range(len(shapes.member) - 1, -2, -1):
         count = _with_scene(shapes, work, g) if g >= 0 else _within(shapes, work)
         for p in range(count):
             i, j = work.todo[p, 0], work.todo[p, 1]
+            _place(shapes, work, i)
+            _place(shapes, work, j)
             said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
             if said == HIT:
                 return HIT
@@ -273,11 +278,20 @@ def answer(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> int:
 
 
 @inlined
-def _place(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
-    """Writes the poses of joints and moving shapes at an arm pose."""
+def _move(shapes: Shapes, poses: Floats, b: int, work: Scratch) -> None:
+    """Writes the poses of joints at an arm pose; shapes are placed when a pair needs them."""
     kinematics(shapes.chain, poses, b, work.joints)
-    for i in range(shapes.box_m.shape[1], len(work.placed) - 1):
+    for m in range(len(work.centre_m)):
+        work.is_placed[m] = False
+
+
+@inlined
+def _place(shapes: Shapes, work: Scratch, i: int) -> None:
+    """Writes the pose of a shape, unless it is static or placed already."""
+    m = i - shapes.box_m.shape[1]
+    if m >= 0 and not work.is_placed[m]:
         _joined(work.joints, shapes.span[i, 3], shapes.place, i, work.placed, i)
+        work.is_placed[m] = True
 
 
 @njit(nogil=True, error_model="numpy")
@@ -296,6 +310,7 @@ def scratch(shapes: Shapes) -> Scratch:
         eight.view(np.uint8),
         eight,
         np.empty((len(shapes.margin_m), 3)),
+        np.zeros(len(shapes.margin_m), dtype=np.bool_),
         np.empty((shapes.margin_m.size, 2), dtype=np.int64),
         np.empty((1, len(shapes.chain))),
         reach_m,
@@ -331,11 +346,13 @@ def undecided(shapes: Shapes, poses: Floats, pairs: Ints, answers: NDArray[np.ui
         Their number.
     """
     work, statics, found = scratch(shapes), shapes.box_m.shape[1], 0
-    _place(shapes, poses, 0, work)
+    _move(shapes, poses, 0, work)
     for g in range(-1, len(shapes.member)):
         count = _with_scene(shapes, work, g) if g >= 0 else _within(shapes, work)
         for p in range(count):
             i, j = work.todo[p, 0], work.todo[p, 1]
+            _place(shapes, work, i)
+            _place(shapes, work, j)
             said = _pair(shapes, work, i, j, float(shapes.margin_m[i - statics, j]))
             if said != FREE:
                 pairs[found, 0], pairs[found, 1], answers[found] = i, j, said

@@ -175,7 +175,8 @@ class BroadPhaseCheck:
         """Takes the current placements and margins of a model."""
         items, self._arm = model.items, arm_model(model.robot)[0]
         geometry, paired = pin.GeometryModel(), np.zeros((len(items.joint),) * 2, dtype=bool)
-        for number, (shape, offset) in enumerate(items.geometries()):
+        for number in range(len(items.joint)):
+            shape, offset = items.geometry(number)
             joint, pose = int(items.joint[number]), pin.SE3(items.pose[number] @ offset)
             geometry.addGeometryObject(pin.GeometryObject(str(number), joint, pose, shape))
         pairs, margins_m = model.pairs()

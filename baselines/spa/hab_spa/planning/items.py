@@ -154,9 +154,7 @@ def collect(
     # Without moving shapes, every pose would be free.
     if "arm" not in roles:
         raise ValueError("collision model: the arm has no shapes; rebuild the scene.")
-    joints, poses = _placed(robot, state, bodies, roles, arm_from_world)
-    joints += [0] * len(obstacles)
-    poses = np.concatenate((poses, np.repeat(arm_from_world[None], len(obstacles), axis=0)))
+    joints, poses = _placed(robot, state, bodies, roles, arm_from_world, len(obstacles))
     known = [*map(outlines, bodies), *map(_seen, obstacles)]
     counts = [len(outline.kind) for outline in known]
     pose = np.repeat(poses, counts, axis=0)
@@ -211,21 +209,28 @@ def _placed(
     bodies: Sequence[CollisionBody],
     roles: Sequence[str],
     arm_from_world: Array,
+    obstacles: int,
 ) -> tuple[list[int], Array]:
-    """Returns the joint of each body, and its pose (B, 4, 4) in it: of the arm, or the root."""
+    """Returns joints, of the arm or the root (0), and poses (B, 4, 4) of bodies and obstacles."""
     (model, _), world_from_body = arm_model(robot), state.world_from_body
-    joints, poses = [0] * len(bodies), np.stack([world_from_body[body.name] for body in bodies])
+    # Obstacles are stated in the world.
+    poses = np.stack([*(world_from_body[b.name] for b in bodies), *[np.eye(4)] * obstacles])
+    joints = [0] * len(poses)
     gripper = model.frames[model.getFrameId(robot.ee_link)]
     world_from_gripper = next(
         pose for name, pose in world_from_body.items() if _link(name) == robot.ee_link
     )
-    wrist_from_world = gripper.placement.homogeneous @ invert_pose(world_from_gripper)
+    wrist_from_gripper, gripper_from_world = (
+        gripper.placement.homogeneous,
+        invert_pose(world_from_gripper),
+    )
     placed = arm_from_world @ poses
     for i, (body, role) in enumerate(zip(bodies, roles, strict=True)):
         link = _link(body.name)
         # Fingers are placed as they are, like a held object: the model has the arm's joints only.
         if role == "held" or link in robot.finger_links:
-            joints[i], placed[i] = gripper.parentJoint, wrist_from_world @ poses[i]
+            joints[i] = gripper.parentJoint
+            placed[i] = wrist_from_gripper @ (gripper_from_world @ poses[i])
         elif role == "arm":
             frame = model.frames[model.getFrameId(link)]
             joints[i], placed[i] = frame.parentJoint, frame.placement.homogeneous

@@ -10,6 +10,7 @@ from hab_ppo.commands import (
     CardsCommand,
     DemonstrateCommand,
     EvalCommand,
+    GroundCommand,
     PlotCommand,
     ShipCommand,
     StudyCommand,
@@ -43,6 +44,7 @@ class ListCommand(Command):
 COMMANDS: dict[str, type[Command]] = {
     "train": TrainCommand,
     **{name: found.load() for name, found in extensions("commands").items()},
+    "ground": GroundCommand,
     "demonstrate": DemonstrateCommand,
     "eval": EvalCommand,
     "plot": PlotCommand,

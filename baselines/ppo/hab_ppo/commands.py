@@ -167,3 +167,38 @@ every evaluation; the same command continues an interrupted study."""
     def advice(self) -> str:
         """Returns how to continue."""
         return f"The work so far is kept in {self.out}; the same command continues it."
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundCommand(Command):
+    """Options of `hab-ppo ground`."""
+
+    help: ClassVar[str] = """Trains pick_language: where an object that is told is seen.
+
+Example:
+  hab-ppo ground --workers 2 --out runs/pick_language
+
+Renders the first views of training episodes in color, which needs a Vulkan driver, and fits a
+network to them. To pick with its weights:
+  hab-eval run --agent hab_ppo:pick_language --option weights=runs/pick_language \\
+    --env HabPick-v1 --out DIR"""
+    work: ClassVar[str] = "hab_ppo.grounding_training:run"
+
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """The run's folder."""
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 4000
+    """Number of training episodes."""
+    epochs: Annotated[int, tyro.conf.arg(metavar="N")] = 10
+    """Epochs of the fit."""
+    workers: Annotated[int, tyro.conf.arg(metavar="W")] = 2
+    """Number of processes, and of threads of the fit."""
+    seed: Annotated[int, tyro.conf.arg(metavar="S")] = 0
+    """Seed of the fit."""
+    scene_dataset: Annotated[str, tyro.conf.arg(metavar="NAME|PATH")] = "apartment"
+    """`apartment` (included), or a ReplicaCAD folder."""
+    objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """A YCB folder, instead of the included objects."""
+    force: bool = False
+    """Replace the run in DIR."""
+    verbose: bool = False
+    """Print the traceback of an error in an environment."""

@@ -186,9 +186,9 @@ network to them. To pick with its weights:
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The run's folder."""
-    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 4000
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 3000
     """Number of training episodes."""
-    epochs: Annotated[int, tyro.conf.arg(metavar="N")] = 10
+    epochs: Annotated[int, tyro.conf.arg(metavar="N")] = 7
     """Epochs of the fit."""
     workers: Annotated[int, tyro.conf.arg(metavar="W")] = 2
     """Number of processes, and of threads of the fit."""

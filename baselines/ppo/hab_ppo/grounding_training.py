@@ -68,7 +68,7 @@ CHUNK = 50
 QUERIES = 6
 """Instructions of a view in a batch."""
 
-BATCH = 16
+BATCH = 8
 LEARNING_RATE = 2e-3
 FORGOTTEN = 0.1
 """Share of words that are left out, as some of the test's are not known."""
@@ -219,7 +219,7 @@ def batch_of(
     meant = (bits << 1 >> objects[:, None]) & 1  # bit 0 is of no object
     rows = torch.arange(len(chosen))[:, None, None, None]
     return Batch(
-        seen=_seen(lessons, chosen),
+        seen=seen_of(lessons, chosen),
         told=told,
         meant=meant.bool(),
         centers_m=lessons.centers_m[chosen][rows, (objects - 1).clamp(min=0)],
@@ -227,7 +227,8 @@ def batch_of(
     )
 
 
-def _seen(lessons: Lessons, chosen: Sequence[int]) -> Seen:
+def seen_of(lessons: Lessons, chosen: Sequence[int]) -> Seen:
+    """Returns what the network sees of the lessons with these numbers."""
     depth_mm = lessons.depth_mm[chosen].float()
     depth_m = torch.where(depth_mm > 0, depth_mm / 1000.0, CAMERA_DEPTH_MAX_M)
     depth_m = depth_m.clamp(max=CAMERA_DEPTH_MAX_M)
@@ -279,7 +280,7 @@ def measure(network: Grounder, lessons: Lessons) -> Tensor:
     right = []
     for number, told in enumerate(lessons.told):
         bits = torch.tensor([bits for _, bits in sorted(told.items())])[:, None]
-        found = find(network, _seen(lessons, [number]), network.bag(sorted(told))[None])
+        found = find(network, seen_of(lessons, [number]), network.bag(sorted(told))[None])
         objects = lessons.objects[number].flatten().long()
         meant = bits << 1 >> objects & 1
         hit = meant.gather(1, found.cells[0][:, None])[:, 0]

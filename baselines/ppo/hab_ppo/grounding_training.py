@@ -299,6 +299,8 @@ def run(options: GroundCommand) -> int:
     whole("--seed", options.seed, 0, LARGEST_SEED)
     check_folder(options.out, force=options.force, mark=WEIGHTS)
     resolve_backend("auto", wants_images=True)  # no renderer: said before episodes are made
+    command = shlex.join(["hab-ppo", *sys.argv[1:]])
+    origin = {"command": command, "device": device(), "git": git_commit()}
     began_s = time.perf_counter()
     request = EpisodeRequest(
         env_id=PICK_ID,
@@ -314,11 +316,7 @@ def run(options: GroundCommand) -> int:
     unseen = lessons_of(replace(request, split="val"), CHECKED, options.workers)
     right = measure(network, unseen)
     about = {
-        "origin": {
-            "command": shlex.join(["hab-ppo", *sys.argv[1:]]),
-            "device": device(),
-            "git": git_commit(),
-        },
+        "origin": origin,
         "seconds": time.perf_counter() - began_s,
         "episodes": options.episodes,
         "scene_dataset": options.scene_dataset,

@@ -186,7 +186,7 @@ network to them. To pick with its weights:
 
     out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
     """The run's folder."""
-    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 3000
+    episodes: Annotated[int, tyro.conf.arg(metavar="N")] = 4000
     """Number of training episodes."""
     epochs: Annotated[int, tyro.conf.arg(metavar="N")] = 7
     """Epochs of the fit."""

@@ -43,12 +43,12 @@ HAND = "pick_blind"
 
 PICK_ID = "HabPick-v1"
 CAMERAS = ("head", "arm")
-SIZE_PX = 192
-STRIDE_PX = 4
+SIZE_PX = 128
+STRIDE_PX = 2
 """A feature is of the upper left pixel of each square of so many."""
 
-STEM, WIDTHS = 16, (32, 48, 64, 64)
-"""Channels at half the images' resolution; at that of the features, and at each half of it."""
+WIDTHS = (24, 32, 48, 64)
+"""Channels at that resolution, and at each half of it."""
 
 FEATURES = 32
 HIDDEN = 64
@@ -103,8 +103,7 @@ class Grounder(nn.Module):
         """Creates a network for these words."""
         super().__init__()
         self.words = tuple(words)
-        widths = (STEM, *WIDTHS)
-        self.stem = nn.Sequential(*_layer(6, STEM, stride=2))
+        widths = (6, *WIDTHS)
         self.down = nn.ModuleList(
             nn.Sequential(*_layer(*widths[k : k + 2], stride=2), *_layer(widths[k + 1]))
             for k in range(len(WIDTHS))
@@ -135,7 +134,7 @@ class Grounder(nn.Module):
         """
         color = seen.color.permute(0, 3, 1, 2).float() / 127.5 - 1.0
         near = (seen.points_m - self._middle_m).clamp(-FARTHEST_M, FARTHEST_M)
-        x = self.stem(torch.cat((color, near.permute(0, 3, 1, 2)), dim=1))
+        x = torch.cat((color, near.permute(0, 3, 1, 2)), dim=1)
         passed: list[Tensor] = []
         for block in self.down:
             x = block(x)

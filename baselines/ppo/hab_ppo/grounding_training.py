@@ -68,7 +68,7 @@ CHUNK = 50
 QUERIES = 6
 """Instructions of a view in a batch."""
 
-BATCH = 8
+BATCH = 16
 LEARNING_RATE = 2e-3
 FORGOTTEN = 0.1
 """Share of words that are left out, as some of the test's are not known."""
@@ -367,6 +367,7 @@ def cards(records: Iterable[RunRecord]) -> dict[Path, str]:
         return {}
     _, about = load(SHIPPED)
     origin = about["origin"]
+    commit, dash, dirty = str(origin["git"]).partition("-")
     own = [r for r in records if r.agent == f"hab_ppo:{PICK_LANGUAGE}" and not r.options]
     lines = [
         f"# {PICK_LANGUAGE}",
@@ -375,7 +376,7 @@ def cards(records: Iterable[RunRecord]) -> dict[Path, str]:
         "",
         f"- Run: `hab-eval run --agent hab_ppo:{PICK_LANGUAGE} --env {PICK_ID} --out DIR`",
         f"- Weights: {SHIPPED.stat().st_size / 1e6:.1f} MB, {len(about['words'])} words",
-        f"- Trained: `{origin['command']}` (commit {str(origin['git'])[:8]}, {origin['device']})",
+        f"- Trained: `{origin['command']}` (commit {commit[:8]}{dash}{dirty}, {origin['device']})",
         f"- Data: {about['episodes']:,} episodes, train layouts of {about['scene_dataset']}",
         f"- Found: {_told(about)}",
         "",

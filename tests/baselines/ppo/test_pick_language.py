@@ -34,7 +34,7 @@ def test_what_it_cannot_act_on_is_refused():
     agent = pick_language(agent_setup("HabPick-v1"))
     agent.reset(torch.ones(1, dtype=torch.bool), [0])
     felt = {"ee_position": torch.zeros(1, 3)}
-    depth = {name: {"depth": torch.ones(1, 192, 192, 1)} for name in CAMERAS}
+    depth = {name: {"depth": torch.ones(1, 128, 128, 1)} for name in CAMERAS}
     foreign = {"weights": str(WEIGHTS / "pick_blind.safetensors")}
 
     def check(case):

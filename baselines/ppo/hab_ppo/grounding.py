@@ -307,10 +307,12 @@ def load(path: Path) -> tuple[Grounder, dict[str, Any]]:
         PolicyFileError: Not such a file.
     """
     tensors, about = checkpoint.load(path)
-    network = Grounder(about.get("words", ()))
+    other = PolicyFileError(f"{path} is not a file of weights of this version's {PICK_LANGUAGE}.")
+    if about.get("kind") != PICK_LANGUAGE:
+        raise other
+    network = Grounder(about["words"])
     shapes = {name: value.shape for name, value in network.state_dict().items()}
-    found = {name: value.shape for name, value in tensors.items()}
-    if about.get("kind") != PICK_LANGUAGE or found != shapes:
-        raise PolicyFileError(f"{path} is not a file of weights of this version's {PICK_LANGUAGE}.")
+    if {name: value.shape for name, value in tensors.items()} != shapes:
+        raise other
     network.load_state_dict(tensors)
     return network.eval(), about

@@ -15,15 +15,16 @@ from hab_tasks.episodes import EpisodeRequest, load_episodes
 @pytest.mark.render
 def test_the_object_that_is_told_is_found_in_layouts_that_training_has_not_seen():
     request = EpisodeRequest(env_id="HabPick-v1", split="val")
-    episodes = load_episodes(request, 20).episodes
+    episodes = load_episodes(request, 40).episodes
     lessons, env = look(request, episodes), ENVS["HabPick-v1"].env
     network, _ = load(SHIPPED)
     asked = [env.instruct(episode) for episode in episodes]
     told = [{said: told[said]} for said, told in zip(asked, lessons.told, strict=True)]
+    # 25 of 38 that are seen; one of the objects there at random would be right in about 9.
     right = measure(network, lessons._replace(told=told))
-    assert right.sum() >= 14, f"{int(right.sum())} of {len(right)}"
+    assert right.sum() >= 20, f"{int(right.sum())} of {len(right)}"
     # What is seen of an object is near its center, by kinematics and camera alone.
-    seen, objects = seen_of(lessons, list(range(20))), lessons.objects.long()
+    seen, objects = seen_of(lessons, list(range(40))), lessons.objects.long()
     surface_m = seen.points_m[:, ::STRIDE_PX, ::STRIDE_PX].reshape(*objects.shape, 3)
     rows, *_ = (objects > 0).nonzero(as_tuple=True)
     away_m = surface_m[objects > 0] - lessons.centers_m[rows, objects[objects > 0] - 1]

@@ -145,6 +145,7 @@ def result(record: RunRecord) -> str:
     failures = ", ".join(f"{name} {count}" for name, count in summary.failures.items()) or "none"
     success = f"{100 * summary.success.mean:.1f} [{100 * low:.1f}, {100 * high:.1f}]"
     run = f"{record.scene_dataset}, {record.split}, seed {record.seed}"
+    run += ", varied instructions" if record.instructions == "varied" else ""
     version = f"{record.versions['hab-tasks']}, {str(record.git)[:8]}"
     return f"- {run}: {success} of {len(record.episodes)}; {markdown(failures)} ({version})"
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 import torch
 from hab_navigator import network as navigator
-from hab_ppo import agent, cards, checkpoint, shipping
+from hab_ppo import agent, cards, checkpoint, grounding_training, shipping
 from hab_ppo.cards import NOT_EVALUATED, card, shipped_names
 from hab_ppo.checkpoint import Position, position_json
 from hab_ppo.cli import main
@@ -28,6 +28,7 @@ def weights(monkeypatch, tmp_path):
     for module in (agent, cards, shipping):
         monkeypatch.setattr(module, "WEIGHTS", folder)
     monkeypatch.setattr(navigator, "SHIPPED", tmp_path / "navigator")
+    monkeypatch.setattr(grounding_training, "SHIPPED", tmp_path / "language.safetensors")
     return folder
 
 

@@ -18,7 +18,7 @@ from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCS = "docs"
-CARDS = ("baselines/ppo/hab_ppo/weights", "baselines/ppo/hab_ppo/navigation")
+CARDS = tuple(f"baselines/ppo/hab_ppo/{name}" for name in ("weights", "navigation", "language"))
 """Folders with model cards and their pictures."""
 
 STUDIES = "eval/studies"

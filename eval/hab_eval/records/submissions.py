@@ -29,6 +29,7 @@ def submission_name(record: RunRecord) -> str:
     env = re.sub(r"^Hab(?=[A-Z])|-v\d+$", "", record.env.rpartition(":")[2])
     parts = [_snake(part) for part in (agent, env, record.scene_dataset)]
     parts += [_snake(part) for part in record.split.split("+")[1:]]  # held-out objects, ...
+    parts += [record.instructions] if record.instructions != "fixed" else []
     parts += [f"seed{record.seed}"]
     if record.options:
         parts += [

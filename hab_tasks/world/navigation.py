@@ -22,7 +22,14 @@ from hab_tasks.constants import BASE_RADIUS_M
 from hab_tasks.errors import GenerationError
 from hab_tasks.io.cache import recalled
 from hab_tasks.privileged import Array, CollisionBody
-from hab_tasks.world.scenes.floor import CELL_M, FreeFloor, floor_between, free_floor
+from hab_tasks.world.scenes.floor import (
+    CELL_M,
+    FreeFloor,
+    body_outline,
+    floor_between,
+    free_floor,
+    touched,
+)
 from hab_tasks.world.scenes.layout_geometry import STAGE, Layout
 from hab_tasks.world.scenes.spec import SceneSpec
 
@@ -69,10 +76,9 @@ class NavigationMap:
         """Maps a layout from all obstacles, at poses (4, 4) by body name."""
         bodies = list(bodies)
         floor = free_floor(bodies, world_from_body)
-        stage = [body for body in bodies if body.group == "stage"]
-        if not stage:
-            return NavigationMap(floor, np.zeros_like(floor.room))
-        return NavigationMap(floor, free_floor(stage, world_from_body).clearance_m == 0)
+        parts = [body_outline(b, world_from_body[b.name]) for b in bodies if b.group == "stage"]
+        walls = [outline for part in parts for outline in part.outlines_m]
+        return NavigationMap(floor, touched(walls, floor.origin_m - CELL_M / 2, floor.room.shape))
 
     @staticmethod
     def of_layout(

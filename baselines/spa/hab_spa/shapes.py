@@ -12,20 +12,21 @@ Array = NDArray[np.float64]
 
 
 def invert_pose(a_from_b: Array) -> Array:
-    """Returns ``b_from_a`` of a rigid (4, 4) pose."""
-    b_from_a = np.eye(4)
-    b_from_a[:3, :3] = a_from_b[:3, :3].T
-    b_from_a[:3, 3] = -a_from_b[:3, :3].T @ a_from_b[:3, 3]
+    """Returns ``b_from_a`` of rigid poses (..., 4, 4)."""
+    b_from_a, turn = np.zeros_like(a_from_b), a_from_b[..., :3, :3].swapaxes(-1, -2)
+    b_from_a[..., :3, :3], b_from_a[..., 3, 3] = turn, 1.0
+    b_from_a[..., :3, 3] = -(turn @ a_from_b[..., :3, 3, None])[..., 0]
     return b_from_a
 
 
-def standing(base: Array, height_m: float) -> Array:
-    """Returns the pose (4, 4) of the base frame for a base pose x, y [m], yaw [rad] (3,)."""
-    x, y, yaw = base
-    cosine, sine = np.cos(yaw), np.sin(yaw)
-    world_from_base = np.eye(4)
-    world_from_base[:2, :2] = ((cosine, -sine), (sine, cosine))
-    world_from_base[:3, 3] = x, y, height_m
+def standing(bases: Array, height_m: float) -> Array:
+    """Returns the poses (..., 4, 4) of the base frame for base poses x, y [m], yaw [rad]."""
+    cosine, sine = np.cos(bases[..., 2]), np.sin(bases[..., 2])
+    world_from_base = np.zeros((*bases.shape[:-1], 4, 4))
+    world_from_base[..., 0, 0] = world_from_base[..., 1, 1] = cosine
+    world_from_base[..., 1, 0], world_from_base[..., 0, 1] = sine, -sine
+    world_from_base[..., 2, 2] = world_from_base[..., 3, 3] = 1.0
+    world_from_base[..., :2, 3], world_from_base[..., 2, 3] = bases[..., :2], height_m
     return world_from_base
 
 

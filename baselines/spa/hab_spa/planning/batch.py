@@ -40,16 +40,20 @@ Point = tuple[float, float, float]
 class Shapes(NamedTuple):
     """Shapes of a collision model: S static ones, then M moving ones; N = S + M.
 
-    In `place`, `local_m` and `span`, one row more is scratch: a single voxel, as a box.
+    The last static ones are the rest of the robot, which goes with the arm's root. In `place`,
+    `local_m` and `span`, one row more is scratch: a single voxel, as a box.
 
     Attributes:
         chain: (J, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
-        box_m: (6, S) bounding boxes of static shapes in the arm's root frame, rounded outwards.
-        place: (N + 1, 12) poses of static shapes in the root frame, of moving ones in their
-            joint's.
+        root: (1, 12) pose of the arm's root, in the frame where it stood at first.
+        box_m: (6, S) bounding boxes of the scene's shapes in that frame, rounded outwards; of the
+            robot's, scratch.
+        place: (N + 1, 12) poses of the scene's shapes in that frame, of the others in that of
+            their joint, or of the root.
         local_m: (N + 1, 9) bounding box in the shape's frame, radius around vertices, half
             diagonal, radius of the sphere within, around the box's centre or each vertex.
-        span: (N + 1, 5) int64: first vertex, the one after the last, kind, joint, first block.
+        span: (N + 1, 5) int64: first vertex, the one after the last, kind, joint (of the scene's,
+            -1), first block.
         vertices_m: (3, V) in the shapes' frames.
         block_m: (4, K) centres and radii of spheres around `BLOCK` successive voxels each.
         group_m: (G, 4) bounding spheres of the moving bodies, in their joint's frame.
@@ -59,6 +63,7 @@ class Shapes(NamedTuple):
     """
 
     chain: NDArray[np.float64]
+    root: NDArray[np.float64]
     box_m: NDArray[np.float32]
     place: NDArray[np.float64]
     local_m: NDArray[np.float64]
@@ -73,6 +78,7 @@ class Shapes(NamedTuple):
 
 EMPTY = Shapes(
     chain=np.zeros((0, 13)),
+    root=np.zeros((1, 12)),
     box_m=np.zeros((6, 0), dtype=np.float32),
     place=np.zeros((1, 12)),
     local_m=np.zeros((1, 9)),
@@ -91,6 +97,7 @@ class Scratch(NamedTuple):
 
     Attributes:
         joints: (J + 2, 12) poses of the root and the joints, and scratch.
+        box_m: As in `Shapes`.
         placed: (N + 1, 12) poses of the shapes.
         w, weight: (4, 3) a simplex and the weights (4,) of its corners.
         near: (S,) whether a static shape is near; padded to a multiple of eight.
@@ -103,6 +110,7 @@ class Scratch(NamedTuple):
     """
 
     joints: Floats
+    box_m: Singles
     placed: Floats
     w: Floats
     weight: Floats
@@ -279,7 +287,7 @@ def _compile(module: Any) -> None:
     """Checks no poses in an empty model, which compiles the kernel or reads it from the cache."""
     pairs, answers = np.zeros((0, 2), dtype=np.int64), np.zeros(0, dtype=np.uint8)
     module.undecided(EMPTY, np.zeros((1, 0)), pairs, answers)
-    module.check(EMPTY, np.zeros((0, 0)), True, answers)
+    module.check(EMPTY, np.zeros((0, 0)), EMPTY.root, True, answers)
 
 
 @lru_cache(maxsize=1)

@@ -13,6 +13,7 @@ from functools import cache, cached_property
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
 from numpy.typing import NDArray
 
 from hab_spa.planning import batch
@@ -99,12 +100,14 @@ class ArmCollision:
         if (lift := robot.lift_joint) is not None:
             self.base_from_arm[2, 3] = state.locked_qpos[lift] - robot.locked_qpos[lift]
         self.arm_from_world = invert_pose(state.world_from_base @ self.base_from_arm)
+        # The scene's shapes stay in the frame where the root stands first, as placing all of them
+        # takes longer than a check.
+        self._first_from_world, self._root = self.arm_from_world, np.eye(4)
         reach_m = self.config.reach_m
         self._items = collect(robot, state, held, obstacles, self.arm_from_world, reach_m)
         self._scene = np.flatnonzero(self._items.role == "scene")
-        self._stated = invert_pose(self.arm_from_world) @ self._items.pose[self._scene]
         # Motions of bodies are relative to the initial poses, so that they do not add up.
-        self._placed = self._stated.copy()
+        self._stated = invert_pose(self.arm_from_world) @ self._items.pose[self._scene]
         self._make_shapes()
         self.set_margin(self.config.margin_m)
 
@@ -145,13 +148,22 @@ class ArmCollision:
         self.checks += len(poses)
         return bool((self._answers(poses) == batch.FREE).all())
 
-    def are_free(self, poses: Array) -> NDArray[np.bool_]:
-        """Whether arm poses (B, J) [rad] keep every pair's margin, (B,)."""
+    def are_free(self, poses: Array, bases: Array | None = None) -> NDArray[np.bool_]:
+        """Whether arm poses (B, J) [rad] keep every pair's margin, (B,).
+
+        Args:
+            poses: The arm poses.
+            bases: Base pose of each (B, 3), instead of the current one for all.
+        """
         self.checks += len(poses)
-        answers = self._answers(poses)
-        free = answers == batch.FREE
+        roots = None if bases is None else self._roots(bases)
+        answers = self._answers(poses, roots)
+        free, stood = answers == batch.FREE, self._root
         for number in np.flatnonzero(answers == batch.UNSURE):
+            if roots is not None:
+                self._set_root(roots[number])
             free[number] = self._confirmed(batch.UNSURE, poses[number])
+        self._set_root(stood)
         return free
 
     def contacts(self, qpos: Array) -> list[Contact]:
@@ -231,34 +243,37 @@ class ArmCollision:
             names = [name, *self._lying_in(name)]
             self._moving[name] = np.flatnonzero(np.isin(self._items.body[self._scene], names))
         chosen = self._moving[name]
-        self._placed[chosen] = motion @ self._stated[chosen]
-        self._place(chosen)
+        items, numbers = self._items, self._scene[chosen]
+        items.pose[numbers] = self._first_from_world @ (motion @ self._stated[chosen])
+        ranks = self._rank[numbers]
+        self._shapes.place[ranks] = batch.rows_of(items.pose[numbers])
+        self._shapes.box_m[:, ranks] = batch.boxes_of(items.local_m[numbers], items.pose[numbers])
         return bool(len(chosen))
 
-    def arm_from_world_at(self, base: Array) -> Array:
-        """Returns the pose (4, 4) of the world in the arm's root frame at a base pose (3,)."""
-        world_from_base = standing(base, float(self._state.world_from_base[2, 3]))
-        return invert_pose(world_from_base @ self.base_from_arm)
+    def world_from_arms(self, bases: Array) -> Array:
+        """Returns the poses (..., 4, 4) of the arm's root at base poses (..., 3)."""
+        height_m = float(self._state.world_from_base[2, 3])
+        return standing(np.asarray(bases), height_m) @ self.base_from_arm
 
     def stand_at(self, base: Array) -> None:
         """Sets the robot, with its held object, to a base pose (3,) in the world.
 
         The model still contains only shapes within `reach_m` of the initial shoulder position.
         """
-        arm_from_world = self.arm_from_world_at(base)
-        # Searches set the same pose again and again, and placing all shapes takes longer
-        # than a check.
-        if not np.array_equal(arm_from_world, self.arm_from_world):
-            self.arm_from_world = arm_from_world
-            self._place(np.arange(len(self._scene)))
+        world_from_arm = self.world_from_arms(base)
+        self.arm_from_world = invert_pose(world_from_arm)
+        self._set_root(self._roots(base))
 
-    def _place(self, chosen: NDArray[np.intp]) -> None:
-        """Updates the placements of scene shapes in the arm's root frame."""
-        items, numbers = self._items, self._scene[chosen]
-        items.pose[numbers] = self.arm_from_world @ self._placed[chosen]
-        ranks = self._rank[numbers]
-        self._shapes.place[ranks] = batch.rows_of(items.pose[numbers])
-        self._shapes.box_m[:, ranks] = batch.boxes_of(items.local_m[numbers], items.pose[numbers])
+    def _roots(self, bases: Array) -> Array:
+        """Returns the poses (..., 4, 4) of the arm's root in the scene's frame at base poses."""
+        return self._first_from_world @ self.world_from_arms(bases)
+
+    def _set_root(self, root: Array) -> None:
+        """Sets the pose (4, 4) of the arm's root in the scene's frame."""
+        if root is not self._root:
+            self._root = root
+            self._shapes.root[:] = batch.rows_of(root[None])
+            self._coal.root = pin.SE3(root)
 
     def _lying_in(self, name: str) -> list[str]:
         """Returns the loose objects whose centre of mass is in a body's bounding box."""
@@ -275,11 +290,14 @@ class ArmCollision:
         self._margins_m = np.where(self._with_octree, np.maximum(margins_m, 0.0), margins_m)
         self._shapes.margin_m[self._entries] = self._margins_m
 
-    def _answers(self, poses: Array, *, until_other: bool = False) -> NDArray[np.uint8]:
+    def _answers(
+        self, poses: Array, roots: Array | None = None, *, until_other: bool = False
+    ) -> NDArray[np.uint8]:
         """Returns the kernel's answers for arm poses (B, J), or for the first ones of them."""
         answers = np.empty(len(poses), dtype=np.uint8)
         poses = np.ascontiguousarray(poses, dtype=np.float64)
-        return answers[: batch.kernel().check(self._shapes, poses, until_other, answers)]
+        rows = self._shapes.root if roots is None else batch.rows_of(roots)
+        return answers[: batch.kernel().check(self._shapes, poses, rows, until_other, answers)]
 
     @cached_property
     def _coal(self) -> CoalModel:
@@ -288,8 +306,8 @@ class ArmCollision:
     def _make_shapes(self) -> None:
         """Makes the kernel's arrays, and chooses the pairs that are checked."""
         items, moving = self._items, np.isin(self._items.role, ("arm", "held"))
-        # Static shapes first: the kernel tells them from moving ones by their number.
-        order = np.argsort(moving, kind="stable")
+        # The scene, the rest of the robot, moving shapes: the kernel tells them by their number.
+        order = np.argsort(np.where(moving, 2, items.role == "robot"), kind="stable")
         self._rank = np.argsort(order, kind="stable")
         statics = int((~moving).sum())
         place, local_m = items.pose[order], items.local_m[order]
@@ -307,6 +325,7 @@ class ArmCollision:
         )
         self._shapes = batch.Shapes(
             chain=batch.chain_of(self.robot),
+            root=batch.rows_of(self._root[None]),
             box_m=batch.boxes_of(local_m[:statics], place[:statics]),
             place=np.concatenate((batch.rows_of(place), np.zeros((1, 12)))),
             local_m=np.concatenate((local_m, np.zeros((1, 9)))),

@@ -85,6 +85,10 @@ class BatchArm:
         position, jacobian, _, _ = self._chain(qpos, np.zeros(3))
         return position, jacobian
 
+    def positions_m(self, qpos: Array) -> Array:
+        """Returns the end-effector's positions (B, 3) at arm poses (B, J)."""
+        return self.position_and_jacobian(qpos)[0]
+
     def points_m(self, qpos: Array, tool: Tool) -> Array:
         """Returns the positions (B, 3) of a tool in the arm's root frame, for poses (B, J)."""
         return self._chain(qpos, tool.point_m)[0]
@@ -270,7 +274,7 @@ class CompiledArm(BatchArm):
         return qpos
 
     def positions_m(self, qpos: Array) -> Array:
-        """Returns the end-effector's positions (B, 3) at arm poses (B, J)."""
+        """See `BatchArm`."""
         positions_m = np.empty((len(qpos), 3))
         ik_kernel().positions(self._arm[0], self._wrist_from_ee_m, qpos, positions_m)
         return positions_m

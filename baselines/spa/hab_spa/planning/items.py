@@ -61,8 +61,8 @@ class Items:
         source: Body of each and its number in it, or the obstacle.
         body, link: (N,) names of body and link.
         role: (N,) ``arm``, ``held``, ``robot`` or ``scene``; the first two move.
-        joint: (N,) joint that each moves with; 0 for the arm's root.
-        pose: (N, 4, 4) poses in the joints' frames.
+        joint: (N,) joint that each moves with; 0 for the arm's root, -1 for the scene.
+        pose: (N, 4, 4) poses in the joints' frames; the scene's where the root stood at first.
         local_m, kind, vertices_m: See `Outlines`.
     """
 
@@ -90,12 +90,16 @@ class Items:
 
 
 class CoalModel:
-    """Coal's answers for pairs of shapes, with their current poses in their joints' frames."""
+    """Coal's answers for pairs of shapes, with their current poses in their joints' frames.
+
+    Attributes:
+        root: Pose of the arm's root in the frame of the scene's shapes.
+    """
 
     def __init__(self, model: pin.Model, items: Items) -> None:
         """Takes the model of the arm, and the shapes; their poses are not copied."""
         self._model, self._data = model, model.createData()
-        self._items, self._joints = items, items.joint.tolist()
+        self._items, self._joints, self.root = items, items.joint.tolist(), pin.SE3.Identity()
         self._shapes: dict[int, CoalShape] = {}
         self._request = coal.CollisionRequest(coal.CollisionRequestFlag.NO_REQUEST, 1)
 
@@ -118,7 +122,9 @@ class CoalModel:
         if number not in self._shapes:
             self._shapes[number] = self._items.geometry(number)
         geometry, offset = self._shapes[number]
-        pose = self._data.oMi[self._joints[number]] * pin.SE3(self._items.pose[number] @ offset)
+        pose = pin.SE3(self._items.pose[number] @ offset)
+        if (joint := self._joints[number]) >= 0:
+            pose = self.root * self._data.oMi[joint] * pose
         return geometry, coal.Transform3s(pose.rotation, pose.translation)
 
 
@@ -211,11 +217,11 @@ def _placed(
     arm_from_world: Array,
     obstacles: int,
 ) -> tuple[list[int], Array]:
-    """Returns joints, of the arm or the root (0), and poses (B, 4, 4) of bodies and obstacles."""
+    """Returns joints (see `Items`) and poses (B, 4, 4) of bodies and obstacles."""
     (model, _), world_from_body = arm_model(robot), state.world_from_body
     # Obstacles are stated in the world.
     poses = np.stack([*(world_from_body[b.name] for b in bodies), *[np.eye(4)] * obstacles])
-    joints = [0] * len(poses)
+    joints = [0 if role == "robot" else -1 for role in roles] + [-1] * obstacles
     gripper = model.frames[model.getFrameId(robot.ee_link)]
     world_from_gripper = next(
         pose for name, pose in world_from_body.items() if _link(name) == robot.ee_link

@@ -20,6 +20,7 @@ from hab_spa.planning.batch import (
     FREE,
     HIT,
     NO_PAIR,
+    ROUNDING_M,
     VOXELS,
     Floats,
     Ints,
@@ -220,7 +221,7 @@ def _with_scene(shapes: Shapes, work: Scratch, g: int) -> int:
     x, y, z = out_of(work.joints, shapes.member[g, 0], x, y, z)
     reach_m = group_m[g, 3] + work.reach_m[0]
     single = np.float32
-    _near(shapes.box_m, single(x), single(y), single(z), single(reach_m * reach_m), near)
+    _near(work.box_m, single(x), single(y), single(z), single(reach_m * reach_m), near)
     # Few are near: eight at a time are skipped.
     for word in range(len(work.eight)):
         if work.eight[word] == 0:
@@ -294,16 +295,43 @@ def _place(shapes: Shapes, work: Scratch, i: int) -> None:
         work.is_placed[m] = True
 
 
+@inlined
+def _stand(shapes: Shapes, work: Scratch, roots: Floats, b: int) -> None:
+    """Sets the arm's root, and the robot's shapes that go with it, to a pose of (B, 12)."""
+    local_m, placed = shapes.local_m, work.placed
+    for k in range(12):
+        work.joints[0, k] = roots[b, k]
+    for s in range(shapes.box_m.shape[1] - 1, -1, -1):
+        if shapes.span[s, 3] < 0:
+            break
+        _joined(roots, b, shapes.place, s, placed, s)
+        middle_m = _centre(local_m, s, placed)
+        for axis in range(3):
+            half_m = local_m[s, 6] + ROUNDING_M
+            for k in range(3):
+                extent_m = local_m[s, 3 + k] - local_m[s, k]
+                half_m += 0.5 * extent_m * abs(placed[s, 3 * axis + k])
+            work.box_m[axis, s] = middle_m[axis] - half_m
+            work.box_m[3 + axis, s] = middle_m[axis] + half_m
+
+
 @njit(nogil=True, error_model="numpy")
 def scratch(shapes: Shapes) -> Scratch:
-    """Returns the scratch of a model."""
+    """Returns the scratch of a model, with the arm's root where it stands."""
+    work = _allocated(shapes)
+    _stand(shapes, work, shapes.root, 0)
+    return work
+
+
+@njit(nogil=True, error_model="numpy")
+def _allocated(shapes: Shapes) -> Scratch:
     joints, reach_m = np.zeros((len(shapes.chain) + 2, 12)), np.full(1, SLACK_M)
-    joints[0, 0] = joints[0, 4] = joints[0, 8] = 1.0
     if shapes.margin_m.size:
         reach_m[0] += max(0.0, shapes.margin_m.max())
     eight = np.zeros((shapes.box_m.shape[1] + 7) // 8, dtype=np.uint64)
     return Scratch(
         joints,
+        shapes.box_m.copy(),
         shapes.place.copy(),
         np.empty((4, 3)),
         np.empty(4),
@@ -318,20 +346,25 @@ def scratch(shapes: Shapes) -> Scratch:
 
 
 @compiled
-def check(shapes: Shapes, poses: Floats, until_other: bool, answers: NDArray[np.uint8]) -> int:
+def check(
+    shapes: Shapes, poses: Floats, roots: Floats, until_other: bool, answers: NDArray[np.uint8]
+) -> int:
     """Checks arm poses (B, J); writes `HIT`, `FREE` or `UNSURE` (B,) uint8.
 
     Args:
         shapes: The model.
         poses: Arm poses [rad].
+        roots: Pose of the arm's root for each (B, 12), or for all (1, 12); see `Shapes`.
         until_other: Whether to stop at the first pose that is not free.
         answers: The answers.
 
     Returns:
         The number of poses checked.
     """
-    work = scratch(shapes)
+    work = _allocated(shapes)
     for b in range(len(poses)):
+        if b < len(roots):
+            _stand(shapes, work, roots, b)
         answers[b] = answer(shapes, poses, b, work)
         if until_other and answers[b] != FREE:
             return b + 1

@@ -172,12 +172,13 @@ class BroadPhaseCheck:
     """Collision checks of all pairs of a model by Pinocchio and coal, without the kernel."""
 
     def __init__(self, model: ArmCollision) -> None:
-        """Takes the current placements and margins of a model."""
+        """Takes the current placements and margins of a model that stands where it was made."""
         items, self._arm = model.items, arm_model(model.robot)[0]
         geometry, paired = pin.GeometryModel(), np.zeros((len(items.joint),) * 2, dtype=bool)
         for number in range(len(items.joint)):
             shape, offset = items.geometry(number)
-            joint, pose = int(items.joint[number]), pin.SE3(items.pose[number] @ offset)
+            joint = max(0, int(items.joint[number]))
+            pose = pin.SE3(items.pose[number] @ offset)
             geometry.addGeometryObject(pin.GeometryObject(str(number), joint, pose, shape))
         pairs, margins_m = model.pairs()
         paired[tuple(pairs.T)] = True

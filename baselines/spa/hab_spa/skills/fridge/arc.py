@@ -192,16 +192,12 @@ class Arcs:
             collision.move(self._articulation.body, motion)
             shares, weights = orientations[going].T
             goals = self._goals(float(joint), hands[going], positions[going], shares)
-            seen = np.stack([collision.arm_from_world_at(base) for base in tows[:, number]])
-            goals = seen[towed[going]] @ goals
+            bases = tows[towed[going], number]
+            goals = invert_pose(collision.world_from_arms(bases)) @ goals
             poses = self._arm.track_poses(poses, goals, self._config.steps, weights)
-            reached, _ = self._arm.position_and_jacobian(poses)
-            missed_m = np.linalg.norm(reached - goals[:, :3, 3], axis=1)
+            missed_m = np.linalg.norm(self._arm.positions_m(poses) - goals[:, :3, 3], axis=1)
             on = missed_m <= self._config.missed_m
-            for tow in np.unique(towed[going[on]]):
-                collision.stand_at(tows[tow, number])
-                own = on & (towed[going] == tow)
-                on[own] = collision.are_free(poses[own])
+            on[on] = collision.are_free(poses[on], bases[on])
             going, poses = going[on], poses[on]
             for entry, pose in zip(going, poses, strict=True):
                 arcs[entry].append(pose)
@@ -222,7 +218,7 @@ class Arcs:
         turns = Rotation.from_rotvec(shares[:, None] * axis).as_matrix()
         goals = hands.copy()
         goals[:, :3, :3] = turns @ goals[:, :3, :3]
-        goals[:, :3, 3] = [self.door.point(joint, *position) for position in positions]
+        goals[:, :3, 3] = self.door.points(joint, positions)
         return goals
 
     def _positions(self, hands: Array, collision: ArmCollision) -> Array:

@@ -6,7 +6,9 @@ the handle, and the arm alone can move it far enough along its arc.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -106,13 +108,13 @@ class BasePoseSearch:
         robot: Robot,
         number: int,
         pull: Pull,
-        map_: NavigationMap,
+        floor_map: Callable[[], NavigationMap],
         region: Rectangle | None,
         config: BasePoseConfig,
     ) -> None:
         """Reads the current state of the door."""
         self.robot, self.pull, self.config = robot, pull, config
-        self._map, self._region = map_, region
+        self._floor_map, self._region = floor_map, region
         articulation = robot.scene.articulation(number)
         self.door, self._frame, self._body = (
             Door(articulation),
@@ -124,6 +126,11 @@ class BasePoseSearch:
         )
         self._kept: dict[tuple[int, ...], int] = {}
         self._arm_m = arm_points_m(robot.spec, robot.scene.arm_qpos[None])[0]
+
+    @cached_property
+    def _map(self) -> NavigationMap:
+        # Without a drive or a tow, the search needs no map.
+        return self._floor_map()
 
     def ranked(self, driving: bool = True) -> Array:
         """Returns base poses (K, 3), ranked by distance, clearance and obstruction.
@@ -264,14 +271,12 @@ class BasePoseSearch:
         """Returns the number of margins that the resting arm keeps at each base pose (3,)."""
         collision, arm = self._search.collision, self.robot.scene.arm_qpos
         collision.move(self._body, np.eye(4))
-        kept = [0] * len(poses)
+        kept, bases = np.zeros(len(poses), dtype=int), np.reshape(poses, (-1, 3))
         for number, margin_m in enumerate(self.config.margins_m[::-1]):
             collision.set_margin(margin_m)
-            for i, pose in enumerate(poses):
-                if kept[i] == number:
-                    collision.stand_at(pose)
-                    kept[i] += collision.is_free(arm)
-        return kept
+            still = np.flatnonzero(kept == number)
+            kept[still] += collision.are_free(np.repeat(arm[None], len(still), 0), bases[still])
+        return kept.tolist()
 
     def _reach_m(self, poses: Array) -> Array:
         """Returns the distances (3, K) of three points of the handle's arc from base poses."""

@@ -44,10 +44,15 @@ class Door:
 
     def point(self, joint: float, along_m: float, out_m: float) -> Array:
         """Returns the world point (3,), at the handle's height, of a point in the door's frame."""
-        offset = self._turn(joint) @ (np.array((along_m, out_m)) @ self._axes)
-        return np.append(
-            self._articulation.axis_point_m[:2] + offset, self._articulation.handle_m[2]
-        )
+        return self.points(joint, np.array(((along_m, out_m),)))[0]
+
+    def points(self, joint: float, positions_m: Array) -> Array:
+        """Returns the world points (P, 3) of points (P, 2) in the door's frame; see `point`."""
+        points_m = np.empty((len(positions_m), 3))
+        points_m[:, :2] = self._articulation.axis_point_m[:2]
+        points_m[:, :2] += positions_m @ self._axes @ self._turn(joint).T
+        points_m[:, 2] = self._articulation.handle_m[2]
+        return points_m
 
     def handle(self, joint: float) -> Array:
         """Returns the handle's position (3,) for a joint position."""

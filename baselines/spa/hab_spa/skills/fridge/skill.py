@@ -63,7 +63,7 @@ def fridge_base_poses(
     """
     config = config or FridgeConfig()
     pull = pull_of(robot.scene.articulation(number), out, config)
-    search = BasePoseSearch(robot, number, pull, map_, None, config.base_pose)
+    search = BasePoseSearch(robot, number, pull, lambda: map_, None, config.base_pose)
     poses = search.ranked(driving=False)
     return poses[map_.is_free(poses[:, :2])][: config.base_poses]
 
@@ -84,7 +84,7 @@ def fridge_score(
     """
     config = config or FridgeConfig()
     pull = pull_of(robot.scene.articulation(number), out, config)
-    search = BasePoseSearch(robot, number, pull, map_, None, config.base_pose)
+    search = BasePoseSearch(robot, number, pull, lambda: map_, None, config.base_pose)
 
     def score(base: Array) -> float:
         candidates = search.quick_candidates(base)
@@ -181,11 +181,10 @@ class _Fridge:
 
     def _search(self) -> BasePoseSearch:
         """Returns the base pose search for the current state of the door."""
-        map_ = self._robot.scene.floor_map()
-        pull = pull_of(self._robot.scene.articulation(self._number), self._out, self._config)
-        return BasePoseSearch(
-            self._robot, self._number, pull, map_, self._region, self._config.base_pose
-        )
+        robot, number, config = self._robot, self._number, self._config
+        pull = pull_of(robot.scene.articulation(number), self._out, config)
+        floor_map = robot.scene.floor_map
+        return BasePoseSearch(robot, number, pull, floor_map, self._region, config.base_pose)
 
     def _stand(self) -> Motion:
         """Drives to the best base pose; after a pull, the arm may continue without driving."""

@@ -71,7 +71,7 @@ SPA_ORDER = [
     {"tasks"},
     {"agents"},
     {"__init__"},
-    {"cli", "recording", "bench_plan"},
+    {"cli", "recording", "bench_plan", "bench_episode"},
 ]
 SPA = ROOT / "baselines" / "spa" / "hab_spa"
 

@@ -4,8 +4,10 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from hab_eval.bench.suite import BenchOptions
+from hab_spa.bench_episode import EPISODES, episode_rows
 from hab_spa.bench_plan import SUITE, PlanSplit, PlanTiming, plan_rows, run_plan, split_rows
 from hab_spa.planning.validity import Agreement, SimulatorCheck, StateDictCheck, agreement
+from hab_spa.skills.fridge.base_poses import BasePoseSearch
 
 from hab_tasks.robots.fetch import FETCH
 
@@ -110,5 +112,18 @@ def test_suite_plan_measures_the_apartment_and_each_scene(replica_cad, ycb):
     told = []
     rows = run_plan(options, told.append)
     assert {row.name.split("/")[1] for row in rows} == {"apartment", "v3_sc0_staging_00"}
-    assert len(told) == 2
+    assert len(told) == 6
     assert all(row.value > 0 for row in rows)
+
+
+@slow
+def test_phases_of_an_episode_add_up_to_it():
+    rows = episode_rows(lambda line: None, EPISODES[:1], count=1)
+    found = {row.name.split("/")[-1].removeprefix("spa_priv_"): row for row in rows}
+    whole, planning = found.pop("episode"), found.pop("planning")
+    assert sum(row.value for row in found.values()) == pytest.approx(whole.value)
+    beside = found["environment"].value + found["other"].value
+    assert planning.value == pytest.approx(whole.value - beside)
+    # A door is opened by one choice of a base pose, arcs from it, and paths of the arm.
+    assert {"base_poses", "arc", "goals", "paths", "map"} <= set(found)
+    assert BasePoseSearch.choose.__name__ == "choose"  # and is no longer timed

@@ -21,6 +21,7 @@ from hab_eval.bench.report import BenchRow, bound_row, make_row
 from hab_eval.bench.suite import PICK, BenchOptions, Suite, WriteLine
 from numpy.typing import NDArray
 
+from hab_spa.bench_episode import episode_rows
 from hab_spa.motion.robot import SpaConfig
 from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.planning.collision import ArmCollision
@@ -113,7 +114,7 @@ class _Recorder(ArmCollision):
 
 
 def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
-    """Measures plans for episodes of HabPick-v1, in the apartment and in each scene."""
+    """Measures plans of HabPick-v1, in the apartment and in each scene, and whole episodes."""
     rows: list[BenchRow] = []
     for name, request in _requests(options):
         env = _make_env(request)
@@ -129,7 +130,7 @@ def run_plan(options: BenchOptions, write_line: WriteLine) -> list[BenchRow]:
             rows += plan_rows(("plan", name, PICK), timings, agreed)
         finally:
             env.close()
-    return rows
+    return rows + episode_rows(write_line, count=options.steps)
 
 
 def plan_rows(

@@ -123,6 +123,12 @@ class Arcs:
         self.door = Door(articulation)
         count = 1 + round(abs(pull.end - articulation.joint) / config.step_rad)
         self._joints = np.linspace(articulation.joint, pull.end, count)
+        turns = np.stack([articulation.moved(float(joint))[:3, :3] for joint in self._joints])
+        shares, self._weights = np.array(config.orientations).T
+        rotvecs = shares[:, None] * Rotation.from_matrix(turns).as_rotvec()[:, None]
+        # (K, O, 3, 3): rotations of the hand along the pull, for each of its orientations.
+        self._turns = Rotation.from_rotvec(rotvecs.reshape(-1, 3)).as_matrix()
+        self._turns = self._turns.reshape(count, len(shares), 3, 3)
 
     @property
     def joints(self) -> Array:
@@ -143,7 +149,7 @@ class Arcs:
         if not len(goals) or not len(tows):
             return []
         collision.set_margin(self._config.margin_m)
-        entries = list(product(range(len(tows)), goals, self._config.orientations))
+        entries = list(product(range(len(tows)), goals, range(len(self._weights))))
         starts = np.stack([goal for _, goal, _ in entries])
         towed = np.array([tow for tow, _, _ in entries])
         collision.stand_at(tows[0, 0])
@@ -168,7 +174,7 @@ class Arcs:
     def _follow(
         self,
         starts: Array,
-        orientations: Array,
+        orientations: NDArray[np.int64],
         towed: NDArray[np.int64],
         tows: Array,
         collision: ArmCollision,
@@ -177,7 +183,7 @@ class Arcs:
 
         Args:
             starts: Grasp poses.
-            orientations: Hand orientations (E, 2); see `ArcConfig.orientations`.
+            orientations: Index (E,) of the hand's orientation, see `ArcConfig.orientations`.
             towed: Index of the base motion of each entry (E,).
             tows: Base motions (T, K, 3).
             collision: Collision model.
@@ -190,10 +196,12 @@ class Arcs:
         for number, joint in enumerate(self._joints):
             motion = self._articulation.moved(float(joint))
             collision.move(self._articulation.body, motion)
-            shares, weights = orientations[going].T
-            goals = self._goals(float(joint), hands[going], positions[going], shares)
+            goals = hands[going]
+            goals[:, :3, :3] = self._turns[number, orientations[going]] @ goals[:, :3, :3]
+            goals[:, :3, 3] = self.door.points(float(joint), positions[going])
             bases = tows[towed[going], number]
             goals = invert_pose(collision.world_from_arms(bases)) @ goals
+            weights = self._weights[orientations[going]]
             poses = self._arm.track_poses(poses, goals, self._config.steps, weights)
             missed_m = np.linalg.norm(self._arm.positions_m(poses) - goals[:, :3, 3], axis=1)
             on = missed_m <= self._config.missed_m
@@ -204,22 +212,6 @@ class Arcs:
             if not len(going):
                 break
         return arcs
-
-    def _goals(self, joint: float, hands: Array, positions: Array, shares: Array) -> Array:
-        """Returns the target poses (E, 4, 4) of hands in the world for a joint position.
-
-        Args:
-            joint: Joint position of the door.
-            hands: Poses of the hands at the grasp.
-            positions: Positions of the hands in the door's frame (E, 2).
-            shares: Shares of the door's rotation by which the hands rotate (E,).
-        """
-        axis = Rotation.from_matrix(self._articulation.moved(joint)[:3, :3]).as_rotvec()
-        turns = Rotation.from_rotvec(shares[:, None] * axis).as_matrix()
-        goals = hands.copy()
-        goals[:, :3, :3] = turns @ goals[:, :3, :3]
-        goals[:, :3, 3] = self.door.points(joint, positions)
-        return goals
 
     def _positions(self, hands: Array, collision: ArmCollision) -> Array:
         """Returns the positions (along, out) (G, 2) of hands (G, 4, 4) during a pull.

@@ -1,9 +1,11 @@
 """Episode files and episode sources."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
+import hab_tasks
 from hab_tasks.episodes import (
     Episode,
     EpisodeRequest,
@@ -104,3 +106,14 @@ def test_loaded_episodes_are_cached_and_reported(tmp_path):
     more = load_episodes(request, count=3)
     assert more.episodes[:2] == first.episodes
     assert len(read_episodes(file)) == 3
+
+
+def test_sets_that_ship_are_of_todays_data_and_generators():
+    files = sorted((Path(hab_tasks.__file__).parents[1] / "assets" / "episodes").glob("*.gz"))
+    assert len(files) == 17  # validation of ten environments, training of seven skills
+    for file in files:
+        shipped = read_episodes(file)
+        request = EpisodeRequest(env_id=shipped.env, split=shipped.split, seed=shipped.seed)
+        source = open_source(request)
+        assert source.made_from == shipped.made_from, f"{file.name}: see assets/README.md"
+        assert source.holds(len(shipped)), file.name

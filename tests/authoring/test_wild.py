@@ -98,6 +98,8 @@ def test_bad_commands_are_told(wild, tmp_path):
     extended = command("apartment", out, 1, "--extend", "train")
     refused_by_command(main, [*extended[:-1], "trian"], "trian")
     refused_by_command(main, [*extended, "--macro", "sc0"], "--extend samples wild layouts")
+    ordinary = ["vary", "apartment", "--macro", "sc0", "--corner", "--out", str(out)]
+    refused_by_command(main, ordinary, "--corner puts fridges of wild layouts")
     refused_by_call(lambda: optimise(wild, out, AssetOptions()), "layouts only")
     assert not out.exists()
 

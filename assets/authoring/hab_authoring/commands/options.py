@@ -68,6 +68,8 @@ Example:
     """The macro layout, v3_sc1_staging_00 or sc1 for short. With --wild, default: all of them."""
     wild: bool = False
     """Move all furniture, kitchen included, keeping tasks feasible. The layouts are split test."""
+    corner: bool = False
+    """With --wild: every fridge has a tall thing beside its handle, a wall or the counter."""
     extend: Annotated[str | None, tyro.conf.arg(metavar="SPLIT")] = None
     """With --wild: sample from the macro layouts of train, val or test, and add the layouts to this
     split of DATASET, whose own layouts DIR then has too."""

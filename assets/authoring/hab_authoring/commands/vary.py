@@ -13,7 +13,7 @@ from tqdm import tqdm
 from hab_authoring.commands.options import Vary
 from hab_authoring.inventory import macros_of_split
 from hab_authoring.layouts.vary import LayoutVarier, macro_scene_id
-from hab_authoring.layouts.wild import MIRRORED, WildLayout, WildVarier
+from hab_authoring.layouts.wild import HANDLES_IN_CORNERS, MIRRORED, WildLayout, WildVarier
 from hab_authoring.layouts.write import write_layout_set, write_scene
 from hab_tasks.errors import HabError
 from hab_tasks.io.files import check_folder, folder_written_aside
@@ -73,6 +73,8 @@ def _check(options: Vary) -> None:
         )
     if options.extend is not None and (options.macro is not None or not options.wild):
         raise HabError("--extend samples wild layouts of a split: give --wild and no --macro.")
+    if options.corner and not options.wild:
+        raise HabError("--corner puts fridges of wild layouts into corners: give --wild too.")
 
 
 def _write(
@@ -102,7 +104,7 @@ def _ordinary(options: Vary, dataset: SceneDataset, macro: str) -> Iterator[Made
 def _wild(
     options: Vary, dataset: SceneDataset, macros: list[str] | None, found: list[WildLayout]
 ) -> Iterator[Made]:
-    varier = WildVarier(dataset, macros)
+    varier = WildVarier(dataset, macros, HANDLES_IN_CORNERS if options.corner else None)
     for index in range(1, options.count + 1):
         layout = varier.make(options.seed, index)
         found.append(layout)
@@ -117,6 +119,7 @@ def _layout_set(
     parts = [
         dataset.name,
         *(["wild"] if options.wild else []),
+        *(["corner"] if options.corner else []),
         *([_short(macro)] if macro else []),
         *([options.extend] if options.extend else []),
     ]

@@ -78,6 +78,10 @@ class WildConfig:
     step_rad: float = 0.01
 
 
+HANDLES_IN_CORNERS = WildConfig(hinge_corner_share=0.0, other_corner_share=1.0)
+"""Every fridge has something tall beside its handle."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class WildLayout:
     """A wild layout.

@@ -16,7 +16,11 @@ import numpy as np
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm, CompiledArm, IkConfig, Tool
 from hab_spa.shapes import Array, invert_pose
+from hab_tasks.arrays import Bools
 from hab_tasks.constants import REST_POSITION_M
+
+AT_ONCE = 48
+"""Arm poses that are checked together, cheapest first, while goals are wanted."""
 
 JUDGE_SEED = 0
 """Seed for scoring base poses, the same for all."""
@@ -184,10 +188,7 @@ def _goals_near(
     config: GoalConfig,
 ) -> Array:
     """Returns goals, those near an arm pose (J,) first: of the arm's table or else of a search."""
-
-    def cost(poses: Array) -> Array:
-        return np.linalg.norm(poses - near, axis=1)
-
+    cost = _distance_to(near)
     if isinstance(arm, CompiledArm) and len(points_m):
         found = _seeded_goals(points_m, collision, arm, seed, config, cost)
         if len(found):
@@ -239,11 +240,7 @@ def sample_rest_goals(
         return starts, targets_m @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
 
     search = Search(draw=draw, rounds=4, enough=1, margins_m=config.margins_m)
-
-    def cost(poses: Array) -> Array:
-        return np.linalg.norm(poses - arm.rest_rad, axis=1)
-
-    return found_by(search, collision, arm, config, cost)
+    return found_by(search, collision, arm, config, _distance_to(arm.rest_rad))
 
 
 def count_goals(search: Search, collision: ArmCollision, arm: BatchArm, config: GoalConfig) -> int:
@@ -301,12 +298,32 @@ def _seeded_goals(
         poses = _with_rest_roll(poses[reached], arm)
         found = np.concatenate((found, poses))
         # The others differ in the roll only, and are farther from rest.
-        poses = poses[: len(poses) // 2]
-        roomy = np.concatenate((roomy, free_poses(poses, collision, config.margins_m[0])))
-        goals = apart(roomy[np.argsort(cost(roomy), kind="stable")], config)
+        poses = np.concatenate((roomy, poses[: len(poses) // 2]))
+        cheap = np.argsort(cost(poses), kind="stable")
+        collision.set_margin(config.margins_m[0])
+        known = cheap < len(roomy)
+        goals, roomy = _first_free(poses[:0], poses[cheap], known, collision, config)
         if len(goals) == config.goals:
             return goals
     return _roomiest(found, collision, config.margins_m, config, cost)
+
+
+def _first_free(
+    goals: Array, poses: Array, is_known: Bools, collision: ArmCollision, config: GoalConfig
+) -> tuple[Array, Array]:
+    """Returns goals (G, J) with free ones of more poses (B, J), in order, until they are enough.
+
+    Also returns the poses known (B,) or found to be free.
+    """
+    free = is_known.copy()
+    for first in range(0, len(poses), AT_ONCE):
+        part = np.arange(first, min(first + AT_ONCE, len(poses)))
+        asked = part[~is_known[part]]
+        free[asked] = collision.are_free(poses[asked])
+        goals = apart(np.concatenate((goals, poses[part[free[part]]])), config)
+        if len(goals) == config.goals:
+            return goals, poses[free]
+    return goals, poses[free]
 
 
 def _roomiest(
@@ -319,14 +336,19 @@ def _roomiest(
     """Returns goals (G, J): those with the largest margin, lowest cost first."""
     # Stable, so that equal costs do not depend on the machine's sort.
     poses = poses[np.argsort(cost(poses), kind="stable")]
-    chosen = goals = poses[:0]
+    goals, unknown = poses[:0], np.zeros(len(poses), dtype=bool)
     for margin_m in margins_m:
-        chosen = np.concatenate((chosen, free_poses(poses, collision, margin_m)))
         # Poses of the larger margin come again with the smaller one; `apart` drops them.
-        goals = apart(chosen, config)
+        collision.set_margin(margin_m)
+        goals, _ = _first_free(goals, poses, unknown, collision, config)
         if len(goals) == config.goals:
             break
     return goals
+
+
+def _distance_to(pose: Array) -> Callable[[Array], Array]:
+    """Returns a cost of arm poses (B, J): their distances to one (J,)."""
+    return lambda poses: np.linalg.norm(poses - pose, axis=1)
 
 
 def sphere_m(centre_m: Array, radius_m: float, count: int) -> Array:

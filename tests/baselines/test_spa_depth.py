@@ -11,7 +11,13 @@ from hab_spa.planning.collision import ArmCollision, CollisionConfig
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import BoxConfig, fit_box, other_things_m
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
-from hab_spa.sensing.voxels import VoxelConfig, VoxelMap, voxel_obstacles
+from hab_spa.sensing.voxels import (
+    VoxelConfig,
+    VoxelMap,
+    first_in_voxels,
+    voxel_keys,
+    voxel_obstacles,
+)
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH
@@ -204,3 +210,15 @@ def test_spa_picks_from_depth_alone(tmp_path):
     record = json.loads((out / "run.json").read_text())
     assert record["privileged"] is False
     assert sum(episode["success"] for episode in record["episodes"]) >= 2
+
+
+def test_one_point_of_each_voxel_is_the_first_in_it():
+    # A dense cloud around the origin, so that indices are of both signs.
+    points_m = np.random.default_rng(0).normal(scale=0.1, size=(200_000, 3))
+    _, first = np.unique(voxel_keys(points_m, 0.02), return_index=True)
+    assert first_in_voxels(points_m, 0.02).tolist() == sorted(first.tolist())
+    assert not len(first_in_voxels(points_m[:0], 0.02))
+    voxels = VoxelMap(VoxelConfig(size_m=0.02))
+    for part in np.split(points_m, 4):
+        voxels.add(part)
+    assert len(voxels) == len(first)

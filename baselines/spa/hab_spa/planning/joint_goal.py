@@ -20,7 +20,7 @@ from hab_tasks.arrays import Bools
 from hab_tasks.constants import REST_POSITION_M
 
 AT_ONCE = 48
-"""Arm poses that are checked together, cheapest first, while goals are wanted."""
+"""Arm poses that are checked first, of the cheapest; then twice as many, until there are goals."""
 
 JUDGE_SEED = 0
 """Seed for scoring base poses, the same for all."""
@@ -316,8 +316,8 @@ def _first_free(
     Also returns the poses known (B,) or found to be free.
     """
     free = is_known.copy()
-    for first in range(0, len(poses), AT_ONCE):
-        part = np.arange(first, min(first + AT_ONCE, len(poses)))
+    ends = AT_ONCE * 2 ** np.arange(16)
+    for part in np.split(np.arange(len(poses)), ends[ends < len(poses)]):
         asked = part[~is_known[part]]
         free[asked] = collision.are_free(poses[asked])
         goals = apart(np.concatenate((goals, poses[part[free[part]]])), config)

@@ -10,7 +10,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from hab_spa.sensing.voxels import voxel_keys
+from hab_spa.sensing.voxels import first_in_voxels, voxel_keys
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.privileged import CollisionBody, CollisionShape
 
@@ -217,8 +217,8 @@ def _things(points_m: Array, config: BoxConfig) -> list[Array]:
     """Returns clusters of downsampled points (K, 3), without small ones."""
     if not len(points_m):
         return []
-    _, first = np.unique(voxel_keys(points_m, config.grain_m), return_index=True)
-    points_m = points_m[first]
+    points_m = points_m[first_in_voxels(points_m, config.grain_m)]
+    points_m = points_m[np.argsort(voxel_keys(points_m, config.grain_m))]
     pairs = KDTree(points_m).query_pairs(config.link_m, output_type="ndarray")
     links = coo_array((np.ones(len(pairs)), pairs.T), shape=(len(points_m), len(points_m)))
     _, labels = connected_components(links, directed=False)

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +13,7 @@ from scipy.ndimage import minimum_filter
 from hab_spa.planning.items import Obstacle
 from hab_spa.sensing.cloud import DepthView
 from hab_spa.shapes import Array
+from hab_tasks.world.raycast.compiled import load
 
 _BITS = 20
 """Bits per index of a key; 10 km for voxels of 1 cm."""
@@ -28,6 +31,26 @@ class VoxelConfig:
 
     size_m: float = 0.012
     through_m: float = 0.05
+
+
+@lru_cache(maxsize=1)
+def _kernel() -> Any:
+    """Returns the module `hab_spa.sensing.voxel_kernel`, compiled."""
+    return load("hab_spa.sensing.voxel_kernel", _compile)
+
+
+def _compile(module: Any) -> None:
+    """Looks at no points."""
+    none = np.zeros(0, dtype=np.int64)
+    module.first_in_voxels(np.zeros((0, 3)), 1.0, _BITS, none, none)
+
+
+def first_in_voxels(points_m: Array, size_m: float) -> NDArray[np.int64]:
+    """Returns the indices of the points (K, 3) that are the first in their voxels, in order."""
+    table = np.full(1 << (2 * len(points_m)).bit_length(), -1, dtype=np.int64)
+    first = np.empty(len(points_m), dtype=np.int64)
+    points_m = np.ascontiguousarray(points_m)
+    return first[: _kernel().first_in_voxels(points_m, size_m, _BITS, table, first)]
 
 
 def voxel_keys(points_m: Array, size_m: float) -> NDArray[np.int64]:
@@ -65,8 +88,11 @@ class VoxelMap:
 
     def add(self, points_m: Array) -> None:
         """Adds the voxels of points (K, 3)."""
-        # Much faster than numpy's union1d, which hashes.
-        keys = np.sort(np.concatenate((self._keys, voxel_keys(points_m, self.config.size_m))))
+        # A view has ten points a voxel, and sorting them would take most of a look.
+        size_m = self.config.size_m
+        new = np.sort(voxel_keys(points_m[first_in_voxels(points_m, size_m)], size_m))
+        # Stable, which is a merge of two sorted runs.
+        keys = np.sort(np.concatenate((self._keys, new)), kind="stable")
         self._keys = keys[np.append(True, keys[1:] != keys[:-1])[: len(keys)]]
 
     def clear(self, emptied: NDArray[np.bool_]) -> None:

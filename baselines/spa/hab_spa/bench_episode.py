@@ -6,7 +6,7 @@ A phase's time is exclusive: what a base pose's choice spends on inverse kinemat
 from __future__ import annotations
 
 import time
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from dataclasses import dataclass
@@ -32,6 +32,9 @@ from hab_spa.skills.fridge.base_poses import BasePoseSearch
 from hab_spa.tasks.planned_skills import PlannedSkill
 
 SEED = 2039
+Seconds = defaultdict[str, float]
+"""Phase -> seconds."""
+
 WHOLE, ENVIRONMENT, OTHER = "whole episode", "environment", "other"
 
 PHASES: tuple[tuple[str, Any, str], ...] = (
@@ -90,7 +93,7 @@ class _Clock:
     """Seconds of each phase, without those of the phases that it calls."""
 
     def __init__(self) -> None:
-        self.seconds: Counter[str] = Counter()
+        self.seconds: Seconds = defaultdict(float)
         self._running, self._since = [ENVIRONMENT], time.perf_counter()
 
     def turn(self) -> None:
@@ -138,7 +141,7 @@ def episode_rows(
     return rows
 
 
-def phase_rows(timed: Timed, times: list[Counter[str]]) -> list[BenchRow]:
+def phase_rows(timed: Timed, times: list[Seconds]) -> list[BenchRow]:
     """Returns the rows of the seconds of episodes, in all and by phase."""
     name = "plan", "apartment", timed.env
     whole = [sum(seconds.values()) for seconds in times]
@@ -164,7 +167,7 @@ def phase_rows(timed: Timed, times: list[Counter[str]]) -> list[BenchRow]:
     return rows
 
 
-def _times(timed: Timed, count: int) -> list[Counter[str]]:
+def _times(timed: Timed, count: int) -> list[Seconds]:
     """Plays an episode to warm up, then others; returns the seconds of their phases."""
     factory = f"hab_spa:{timed.agent}"
     config = EvalConfig(

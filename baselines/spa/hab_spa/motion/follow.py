@@ -120,6 +120,16 @@ class FollowConfig:
     bump_rad: float = np.inf
 
 
+def tracked(targets: Array, start: Array, config: FollowConfig) -> Array:
+    """Returns the arm poses (T, J) in free motion from rest at `start` (J,) by targets (T, J)."""
+    pull, swing = config.air_shares
+    poses, last = [start], np.zeros_like(start)
+    for target in targets:
+        last = pull * (target - poses[-1]) + swing * last
+        poses.append(poses[-1] + last)
+    return np.array(poses[1:])
+
+
 class Follower:
     """Yields the targets (T, J) of one path, one per control step.
 

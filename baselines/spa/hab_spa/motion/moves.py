@@ -10,7 +10,7 @@ import numpy as np
 from hab_plans.motion import Command, Failure, Motion
 from hab_plans.protocols import PathResult
 
-from hab_spa.motion.follow import Follower, TimingConfig, time_path_within
+from hab_spa.motion.follow import Follower, TimingConfig, time_path_within, tracked
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
@@ -23,6 +23,9 @@ RETURN_SHARE, REACH_SHARE = 1.0, 0.5
 
 MEETING_STEPS = 4
 """An obstacle that was felt is within the arm's volume at these next targets."""
+
+CLEAR_M, LEAVING_STEPS = 0.01, 5
+"""Clearance of a careful motion, and the first steps, in which it may not have it yet."""
 
 BACK_OFF = slice(4, 12)
 """Past targets through which the arm backs off; it lags about four targets behind."""
@@ -122,6 +125,7 @@ def rest(
     without: str | None = None,
     timing: TimingConfig | None = None,
     plan: PlanConfig | None = None,
+    plans: int = 1,
 ) -> Motion:
     """Moves the arm to rest; first escapes from contact in a straight line.
 
@@ -131,6 +135,7 @@ def rest(
         without: Name of a body that may be touched.
         timing: Speed limits; the robot's by default.
         plan: Parameters of the motion planner; the robot's by default.
+        plans: Maximum number of plans, of which the motion with the most clearance is executed.
     """
     robot.doing = "rest"
     began = time.perf_counter()
@@ -139,11 +144,32 @@ def rest(
     robot.spend("target", time.perf_counter() - began)
     if not len(goals):
         return Failure.TARGET_PLAN
-    result = _way_back(robot, collision, goals, plan or robot.config.plan)
-    robot.spend("motion", result.seconds)
-    if result.path is None:
-        return result.failure
-    return (yield from follow(robot, result.path, RETURN_SHARE, intact, timing))
+    ways: list[tuple[float, PathResult]] = []
+    while len(ways) < plans and not (ways and ways[-1][0] == 0.0):
+        way = _way_back(robot, collision, goals, plan or robot.config.plan)
+        robot.spend("motion", way.seconds)
+        touches = 0.0 if plans == 1 else _touches(robot, collision, way.path, timing)
+        ways.append((touches, way))
+    best = min(ways, key=lambda one: one[0])[1]
+    if best.path is None:
+        return best.failure
+    return (yield from follow(robot, best.path, RETURN_SHARE, intact, timing))
+
+
+def _touches(
+    robot: Robot, collision: ArmCollision, path: Array | None, timing: TimingConfig | None
+) -> float:
+    """Returns the number of steps with less than `CLEAR_M` along a path (K, J); infinite for None.
+
+    The arm lags behind its targets, which cuts corners.
+    """
+    if path is None:
+        return np.inf
+    config = robot.config
+    targets = time_path_within(path, robot.steps_left, timing or config.timing)
+    poses = tracked(targets, robot.scene.arm_qpos, config.follow)
+    collision.set_margin(CLEAR_M)
+    return float(np.count_nonzero(~collision.are_free(poses[LEAVING_STEPS:])))
 
 
 def draw_out(robot: Robot, near_rad: float) -> Motion:

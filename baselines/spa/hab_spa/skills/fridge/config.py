@@ -39,7 +39,8 @@ class FridgeConfig:
         as_good_steps: ... and their maximum cost above the best.
         reach_share: Share of the remaining time for reaching the handle, within speed limits.
         pace: Pace of the motion along the arc.
-        rest_pace: Pace of the motion to rest ...
+        rest_pace: Pace of the motion to rest, ...
+        rest_plans: ... the most plans for it, as an arm that comes near the door drags it along, ...
         back_rad: ... which may move the door back by at most this angle.
         brake_steps: A door that the hand cannot close completely is released this many steps
             before the end of the motion, so that it swings on.
@@ -83,6 +84,7 @@ class FridgeConfig:
     reach_share: float = 0.08
     pace: float = 1.6
     rest_pace: float = 1.6
+    rest_plans: int = 4
     back_rad: float = 0.04
     brake_steps: int = 5
     hold_steps: int = 12

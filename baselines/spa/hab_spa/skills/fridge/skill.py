@@ -159,7 +159,9 @@ class _Fridge:
             def intact(joint: float = before) -> bool:
                 return back * (self._joint - joint) < config.back_rad
 
-            failure = yield from rest(robot, intact, timing=timing, plan=config.plan)
+            failure = yield from rest(
+                robot, intact, timing=timing, plan=config.plan, plans=config.rest_plans
+            )
             if failure is not Failure.EXECUTION:
                 break
         return failure

@@ -35,8 +35,9 @@ class BoxConfig:
         fewest: Minimum number of points of a cluster; with fewer, the box has the minimum size.
         others_reach_m: Search radius for other objects.
         thing_m: Maximum extent of another object that can be grasped.
-        held_reach_m: Points so near to the hand belong to an object held at the start, ...
-        held_most_m: ... and others of the same thing that are so near.
+        held_most_m: Search radius for the parts of an object held at the start ...
+        held_middle_m: ... and the maximum distance of the middle of a part.
+        held_reach_m: Maximum distance of its points if it touches furniture.
     """
 
     reach_m: float = 0.15
@@ -54,8 +55,9 @@ class BoxConfig:
     fewest: int = 8
     others_reach_m: float = 0.35
     thing_m: float = 0.3
-    held_reach_m: float = 0.14
     held_most_m: float = 0.3
+    held_middle_m: float = 0.1
+    held_reach_m: float = 0.14
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -226,6 +228,20 @@ def _things(points_m: Array, config: BoxConfig) -> list[Array]:
     return [points_m[labels == label] for label in np.flatnonzero(counts >= config.fewest)]
 
 
+def _least_box(points_m: Array, config: BoxConfig) -> tuple[Array, Array]:
+    """Returns pose (4, 4) and half size (3,) of the upright box of least area around points."""
+    yaws = np.linspace(0.0, np.pi / 2, config.yaw_steps, endpoint=False)
+    cosine, sine, zero, one = np.cos(yaws), np.sin(yaws), np.zeros_like(yaws), np.ones_like(yaws)
+    turns = np.array([[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, one]])
+    turned_m = np.einsum("ki,ijy->ykj", points_m, turns)
+    lower_m, upper_m = turned_m.min(axis=1), turned_m.max(axis=1)
+    best = int((upper_m - lower_m)[:, :2].prod(axis=1).argmin())
+    pose = np.eye(4)
+    pose[:3, :3] = turns[:, :, best]
+    pose[:3, 3] = pose[:3, :3] @ (lower_m[best] + upper_m[best]) / 2
+    return pose, (upper_m[best] - lower_m[best]) / 2
+
+
 HELD = "held"
 """Name of the box's body."""
 
@@ -239,30 +255,28 @@ class HeldBox:
 
     @classmethod
     def find(cls, points_m: Array, world_from_ee: Array, config: BoxConfig) -> HeldBox | None:
-        """Fits the box of an object held at the start to world points (K, 3) near the hand.
+        """Fits an upright box to an object held at the start; None if too little is seen of it.
 
-        The object may reach farther than those. What it rests on or touches does not belong to it,
-        and is as large as furniture; then only the points near the hand do.
+        The fingers hide its middle, so that its parts on both sides of the hand are looked for
+        among world points (K, 3). If it touches furniture, the points near the hand are its own.
         """
-        ee_from_world = invert_pose(world_from_ee)
-        local_m = points_m @ ee_from_world[:3, :3].T + ee_from_world[:3, 3]
-        gaps_m = np.linalg.norm(local_m, axis=1)
-        own_m = local_m[gaps_m < config.held_reach_m]
+        local_m = points_m - world_from_ee[:3, 3]
+        found = _things(local_m[np.linalg.norm(local_m, axis=1) < config.held_most_m], config)
+        own = [
+            thing_m
+            for thing_m in found
+            if np.ptp(thing_m, axis=0).max() < config.thing_m
+            and np.linalg.norm(thing_m.mean(axis=0)) < config.held_middle_m
+        ]
+        if found and not own:
+            thing_m = min(found, key=lambda thing_m: np.linalg.norm(thing_m, axis=1).min())
+            own = [thing_m[np.linalg.norm(thing_m, axis=1) < config.held_reach_m]]
+        own_m = np.concatenate([np.zeros((0, 3)), *own])
         if len(own_m) < config.fewest:
             return None
-        for thing_m in _things(local_m[gaps_m < config.held_most_m], config):
-            near = np.linalg.norm(thing_m, axis=1) < config.held_reach_m
-            if near.any() and np.ptp(thing_m, axis=0).max() < config.thing_m:
-                own_m = np.concatenate((own_m, thing_m))
-        return cls.around(own_m)
-
-    @classmethod
-    def around(cls, points_m: Array) -> HeldBox:
-        """Returns the bounding box of points (K, 3), aligned with the end-effector's frame."""
-        lower_m, upper_m = points_m.min(axis=0), points_m.max(axis=0)
-        pose = np.eye(4)
-        pose[:3, 3] = (lower_m + upper_m) / 2
-        return cls(ee_from_box=pose, half_size_m=(upper_m - lower_m) / 2)
+        world_from_box, half_size_m = _least_box(own_m, config)
+        world_from_box[:3, 3] += world_from_ee[:3, 3]
+        return cls(ee_from_box=invert_pose(world_from_ee) @ world_from_box, half_size_m=half_size_m)
 
     def contains(
         self,

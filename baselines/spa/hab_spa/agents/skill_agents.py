@@ -16,6 +16,7 @@ from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.joint_goal import GoalConfig
 from hab_spa.scenes.seen_furniture import SeenDrawer, SeenFridge
 from hab_spa.scenes.seen_scene import SeenScene
+from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
 from hab_spa.skills.fridge.config import FridgeConfig
@@ -73,7 +74,7 @@ SPA_CONFIG = SpaConfig(
 goals are relaxed, as the fitted box of an object is often too wide for the exact pose; the tasks
 allow 0.15 m. Failures are retried by `_with_retries`, not by the skills."""
 
-ATTEMPTS = 12
+ATTEMPTS = 24
 """Maximum attempts per skill; the arm stops for every new obstacle."""
 
 MOST_RISK_LEVEL = 2
@@ -90,16 +91,23 @@ def spa_config(setup: AgentSetup) -> SpaConfig:
 
 def pick_seen(robot: Robot, number: int) -> Motion:
     """Looks for an object of the episode, then picks it."""
-    scene, config = _scene(robot), LookConfig()
+    scene, config = _shelves(robot), LookConfig()
     yield from look_around(robot, scene, config)
+    scene.look_into(scene.object_m(number))
     yield from look_closer(robot, scene, number, config)
     return (yield from _with_retries(robot, pick, number))
 
 
 def place_seen(robot: Robot, number: int) -> Motion:
-    """Looks around, then places the held object at its goal."""
-    yield from look_around(robot, _scene(robot), LookConfig())
-    return (yield from _with_retries(robot, place, number))
+    """Looks around, then places the held object at its goal, or beside it if that fails."""
+    scene = _shelves(robot)
+    yield from look_around(robot, scene, LookConfig())
+    scene.look_into(scene.goal_m(number))
+
+    def place_near(robot: Robot, number: int) -> Motion:
+        return place(robot, number, loose=scene.risk_level > 0)
+
+    return (yield from _with_retries(robot, place_near, number))
 
 
 def open_fridge_seen(robot: Robot, number: int) -> Motion:
@@ -161,13 +169,20 @@ def _with_retries(
             failure is not Failure.EXECUTION and scene.risk_level == MOST_RISK_LEVEL
         ):
             break
-        scene.risk_level += failure is not Failure.EXECUTION
+        # What was met since is worth a plan around it.
+        risky = failure is not Failure.EXECUTION
+        scene.risk_level = scene.risk_level + 1 if risky else min(scene.risk_level, 1)
     scene.risk_level = 0
     return failure
 
 
 def _scene(robot: Robot) -> SeenScene:
     assert isinstance(robot.scene, SeenScene)
+    return robot.scene
+
+
+def _shelves(robot: Robot) -> SeenShelves:
+    assert isinstance(robot.scene, SeenShelves)
     return robot.scene
 
 
@@ -198,5 +213,5 @@ def spa(setup: AgentSetup) -> SpaAgent:
         looks="on demand",
     )
     scenes = {"Fridge": SeenFridge, "Drawer": SeenDrawer}
-    scene = next((scenes[name] for name in scenes if name in env_id), SeenScene)
+    scene = next((scenes[name] for name in scenes if name in env_id), SeenShelves)
     return SpaAgent(setup, spec, scene, skill, spa_config(setup))

@@ -15,7 +15,7 @@ from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned
 from hab_spa.agents.skill_agents import pick_seen, place_seen, spa_config
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PLANNERS
-from hab_spa.scenes.seen_scene import SeenScene
+from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import Folding, OracleNavigator, PolicyNavigator, navigator_of
 from hab_spa.tasks.planned_skills import SKILLS, guided
@@ -76,7 +76,7 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
 
     def behave(robot: Robot) -> Motion:
         scene = robot.scene
-        assert isinstance(scene, SeenScene)
+        assert isinstance(scene, SeenShelves)
         guide = Robot(scene.truth, robot.config, seed=robot.next_seed(), deadline=robot.deadline)
         skills = guided(guide, {"pick": pick_seen, "place": place_seen})
         return _run(env_id, robot, skills, own, navigator, config)
@@ -89,7 +89,7 @@ def tp_spa(setup: AgentSetup) -> SpaAgent:
         privileged=True,
         files=_files(navigator),
     )
-    return SpaAgent(setup, spec, SeenScene, behave, spa_config(setup))
+    return SpaAgent(setup, spec, SeenShelves, behave, spa_config(setup))
 
 
 def _run(

@@ -159,11 +159,6 @@ class Follower:
         """The remaining joint targets (T, J) [rad]."""
         return self._targets[self._index :]
 
-    @property
-    def way_back(self) -> Array:
-        """The past joint targets (T, J) [rad], latest first."""
-        return self._targets[: self._index][::-1]
-
     def advance(self, qpos: Array) -> Array:
         """Returns the next target (J,) for the current joint positions (J,)."""
         self._feel(qpos)

@@ -27,9 +27,6 @@ MEETING_STEPS = 4
 CLEAR_M, LEAVING_STEPS = 0.01, 5
 """Clearance of a careful motion, and the first steps, in which it may not have it yet."""
 
-BACK_OFF = slice(4, 12)
-"""Past targets through which the arm backs off; it lags about four targets behind."""
-
 
 def wait(robot: Robot, steps: int) -> Generator[Command, None, None]:
     """Holds the arm at its latest target."""
@@ -69,11 +66,12 @@ def follow(
         following = replace(following, bump_rad=np.inf)
     follower = Follower(time_path_within(path, steps, timing or config.timing), following)
     while True:
+        robot.leave_trail()
         target = follower.advance(robot.scene.arm_qpos)
         if follower.bumped:
             robot.scene.met(follower.rest[:MEETING_STEPS])
             # Where the arm came from was free a moment ago; nothing else is known to be.
-            for passed in follower.way_back[BACK_OFF]:
+            for passed in robot.back_off():
                 yield robot.command(passed)
         blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
         if blocked or not intact():

@@ -64,6 +64,10 @@ class SpaConfig:
         return replace(self, planner=BatchedPlanner(), kinematics=CompiledArm)
 
 
+TRAIL_RAD, BACK_POSES = 0.04, 10
+"""Spacing of the poses of the trail, and the number of those through which the arm backs off."""
+
+
 class Robot:
     """The robot of one row: scene model, latest command and remaining time.
 
@@ -99,6 +103,7 @@ class Robot:
         self.held_up: Array | None = None
         self._seeds = np.random.default_rng(seed)
         self._arm_rad = scene.arm_qpos.copy()
+        self._trail: list[Array] = []
 
     @property
     def steps_left(self) -> int:
@@ -135,11 +140,25 @@ class Robot:
         """Returns a command; the arm keeps its latest targets by default."""
         if arm_rad is not None:
             self._arm_rad = np.array(arm_rad, dtype=float)
+        if any(base):
+            self._trail.clear()  # elsewhere, the same arm poses need not be free
         return Command(arm_rad=self._arm_rad, gripper=self.gripper, base=base, pose=pose)
 
     def relax(self) -> None:
         """Sets the arm's targets to its current pose."""
         self._arm_rad = self.scene.arm_qpos.copy()
+
+    def leave_trail(self) -> None:
+        """Notes the arm's pose for `back_off`."""
+        pose = self.scene.arm_qpos
+        if not self._trail or np.abs(pose - self._trail[-1]).max() > TRAIL_RAD:
+            self._trail.append(pose.copy())
+
+    def back_off(self) -> list[Array]:
+        """Takes the latest poses (J,) from the trail, in which the arm was free, latest first."""
+        back = self._trail[: -BACK_POSES - 1 : -1]
+        del self._trail[-BACK_POSES:]
+        return back
 
     def up(self) -> Array:
         """Returns the current upward direction (3,) in the end-effector's frame."""

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hab_spa.scenes.seen_scene import CAMERAS, SeenScene
-from hab_spa.sensing.cloud import DepthView
+from hab_spa.scenes.seen_shelves import SeenKnown
 from hab_spa.sensing.drawer_fit import HALF_WIDTH_M, TRAVEL_M, FoundDrawer, find_drawer
-from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, Images, find_fridge, seen_joint
+from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, find_fridge, seen_joint
 from hab_spa.sensing.known_fridge import (
     WIDTH_M,
     articulation_of,
@@ -23,7 +22,7 @@ from hab_spa.sensing.known_fridge import (
     poses_of,
 )
 from hab_spa.shapes import Array, box_distance_m, invert_pose
-from hab_tasks.privileged import ArticulationState, CollisionBody, PrivilegedState
+from hab_tasks.privileged import ArticulationState, CollisionBody
 from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import HIGHEST_M, LOWEST_M, floor_between
 
@@ -71,7 +70,7 @@ STILL_M, STILL_STEPS, STOP_M = 0.002, 10, 0.13
 is at its stop."""
 
 
-class SeenFurniture(SeenScene):
+class SeenFurniture(SeenKnown):
     """A scene with a door or drawer that is found in the images, before its skill starts.
 
     The hand can only hold its handle here.
@@ -91,36 +90,8 @@ class SeenFurniture(SeenScene):
         """
 
     @abstractmethod
-    def _bodies(self) -> list[tuple[CollisionBody, Array]]:
-        """Returns the bodies and their poses (4, 4); none before it was found."""
-
-    @abstractmethod
     def _articulations(self) -> tuple[ArticulationState, ...]:
         """Returns the door or drawer, once it was found."""
-
-    def _images(self) -> Images:
-        """Returns the current images."""
-        poses = self._own.poses(self.world_from_base, self.arm_qpos)
-        views, own = [], []
-        for camera in CAMERAS:
-            view = DepthView.read(self._obs, camera, self._row)
-            mine, seen = np.zeros(view.depth_m.shape, dtype=bool), np.isfinite(view.depth_m)
-            mine[seen] = self._own.contain(view.points_m[seen], poses, self.config.own_margin_m)
-            views.append(view)
-            own.append(mine)
-        return Images.of(views, own)
-
-    def _believed(self, without: str | None = None) -> PrivilegedState:
-        """Returns the believed state of the robot and the furniture."""
-        state = super()._believed(without)
-        found = [pair for pair in self._bodies() if pair[0].name != without]
-        shapes = [id(body) for body, _ in found]
-        return replace(
-            state,
-            scene_key=f"{state.scene_key} {shapes}",
-            bodies=(*state.bodies, *(body for body, _ in found)),
-            world_from_body={**state.world_from_body, **{b.name: pose for b, pose in found}},
-        )
 
     def _modeled(self, points_m: Array, margin_m: float) -> NDArray[np.bool_]:
         """Whether world points (K, 3) are the furniture's."""

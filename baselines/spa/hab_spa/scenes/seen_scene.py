@@ -284,7 +284,7 @@ class SeenScene:
         )
         here, size_m = self._believed(), self.config.map.voxels.size_m
         new_m = new_m[~self._cleared(new_m, size_m, here, pulled)]
-        return any(self._meets(pose, new_m) for pose in path) if len(new_m) else False
+        return any(self._filled(new_m, pose).any() for pose in path) if len(new_m) else False
 
     def met(self, path: Array) -> None:
         """Adds an obstacle to the map after contact during a motion to arm poses (K, J).
@@ -298,19 +298,19 @@ class SeenScene:
             there = self._own.poses(self.world_from_base, pose)
             gripper_m = there[f"{self.robot.uid}/{self.robot.ee_link}"][:3, 3]
             points_m = gripper_m + _GRID_M
-            new = self._own.contain(points_m, there, 0.0)
+            new = self._filled(points_m, pose)
             new[new] = ~self._own.contain(points_m[new], here, self.config.touch_margin_m)
+            new[new] = ~self._modeled(points_m[new], self.config.touch_margin_m)
             found.append(points_m[new])
         self.map.add_contacts(np.concatenate(found))
 
-    def _meets(self, pose: Array, points_m: Array) -> bool:
-        """Whether the arm in a pose (J,), or the held object, contains any of the points (K, 3)."""
-        if self._own.contain(points_m, self._own.poses(self.world_from_base, pose), 0.0).any():
-            return True
-        if self._hand is None:
-            return False
-        world_from_ee = self.world_from_base @ self._arm.ee_pose(pose)
-        return bool(self._hand.contains(points_m, world_from_ee, largest_m=self._largest_m).any())
+    def _filled(self, points_m: Array, pose: Array) -> NDArray[np.bool_]:
+        """Whether points (K, 3) are in the arm at a pose (J,), or in the held object."""
+        filled = self._own.contain(points_m, self._own.poses(self.world_from_base, pose), 0.0)
+        if self._hand is not None:
+            world_from_ee = self.world_from_base @ self._arm.ee_pose(pose)
+            filled |= self._hand.contains(points_m, world_from_ee, largest_m=self._largest_m)
+        return filled
 
     @property
     def _largest_m(self) -> float:

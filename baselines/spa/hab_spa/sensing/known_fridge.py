@@ -41,6 +41,9 @@ HANDLES: Boxes = (
 FRONT_M, WIDTH_M = 0.0615, 0.691
 """Distance of the closed front from the hinge, and its width."""
 
+SHELVES_M = (1.0, 1.94)
+"""Heights between which things stand behind the upper door."""
+
 STRIP_M = 0.11
 """Width of the strips along the front's edges in which handles are."""
 

@@ -15,7 +15,7 @@ from hab_spa.planning.place_goal import lowering, sample_placing_goals
 from hab_spa.shapes import Array
 
 
-def place(robot: Robot, number: int) -> Motion:
+def place(robot: Robot, number: int, loose: bool = False) -> Motion:
     """Moves the held object to its goal, releases it and rests; retries while it is held.
 
     A released object is not grasped again.
@@ -23,12 +23,13 @@ def place(robot: Robot, number: int) -> Motion:
     Args:
         robot: The robot.
         number: Number of the object.
+        loose: Whether to allow larger offsets from the goal at once.
     """
     scene = robot.scene
     failure: Failure | None = Failure.EXECUTION
     for attempt in range(1 + robot.config.retries):
         if scene.holds(number):
-            failure = yield from _bring(robot, number, attempt)
+            failure = yield from _bring(robot, number, loose or attempt > 0)
         if failure is None:
             yield from _let_go(robot)
         if not scene.holds(number):
@@ -58,11 +59,11 @@ def _tool(robot: Robot) -> Tool:
     return Tool(point_m=robot.scene.ee_from_held(), up=up)
 
 
-def _bring(robot: Robot, number: int, attempt: int) -> Motion:
-    """Plans a motion to a placing pose and executes it; later attempts allow larger offsets."""
+def _bring(robot: Robot, number: int, loose: bool) -> Motion:
+    """Plans a motion to a placing pose and executes it."""
     robot.doing = "bring"
     scene, config = robot.scene, robot.config
-    placing = config.placing if not attempt else config.placing.looser()
+    placing = config.placing.looser() if loose else config.placing
     if robot.held_up is None:
         robot.held_up = robot.up()
     collision = scene.collision()

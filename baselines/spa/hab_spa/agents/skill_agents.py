@@ -21,7 +21,7 @@ from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
-from hab_spa.skills.look import LookConfig, look_around, look_at, look_closer
+from hab_spa.skills.look import LookConfig, look_again, look_around, look_at, look_closer
 from hab_spa.skills.pick import pick
 from hab_spa.skills.place import place
 from hab_tasks.agent import AgentSetup, AgentSpec
@@ -77,6 +77,9 @@ allow 0.15 m. Failures are retried by `_with_retries`, not by the skills."""
 ATTEMPTS = 24
 """Maximum attempts per skill; the arm stops for every new obstacle."""
 
+MORE_LOOKS, LOOK_STEPS = 3, 60
+"""Maximum number of further looks where no plan is found, and steps that have to be left."""
+
 MOST_RISK_LEVEL = 2
 """See `SeenScene`."""
 
@@ -95,7 +98,7 @@ def pick_seen(robot: Robot, number: int) -> Motion:
     yield from look_around(robot, scene, config)
     scene.look_into(scene.object_m(number))
     yield from look_closer(robot, scene, number, config)
-    return (yield from _with_retries(robot, pick, number))
+    return (yield from _with_looks(robot, pick, number))
 
 
 def place_seen(robot: Robot, number: int) -> Motion:
@@ -107,7 +110,7 @@ def place_seen(robot: Robot, number: int) -> Motion:
     def place_near(robot: Robot, number: int) -> Motion:
         return place(robot, number, loose=scene.risk_level > 0)
 
-    return (yield from _with_retries(robot, place_near, number))
+    return (yield from _with_looks(robot, place_near, number))
 
 
 def open_fridge_seen(robot: Robot, number: int) -> Motion:
@@ -154,6 +157,17 @@ def drawer_seen(robot: Robot, number: int, skill: Callable[..., Motion]) -> Moti
     # The line ends beyond the stop: how far a drawer stands out is known to a few centimetres.
     config = DrawerConfig(rounds=8, open_share=1.16 if opened else 1.05, spare_m=0.01)
     return (yield from _with_retries(robot, lambda r, n: skill(r, n, config), number, risk=1))
+
+
+def _with_looks(robot: Robot, skill: Callable[[Robot, int], Motion], number: int) -> Motion:
+    """Retries a skill; where no plan is found, looks from another arm pose and tries again."""
+    failure = yield from _with_retries(robot, skill, number)
+    for _ in range(MORE_LOOKS):
+        if failure in (None, Failure.EXECUTION) or robot.steps_left < LOOK_STEPS:
+            break
+        yield from look_again(robot, _scene(robot), LookConfig())
+        failure = yield from _with_retries(robot, skill, number)
+    return failure
 
 
 def _with_retries(

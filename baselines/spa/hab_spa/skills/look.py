@@ -33,7 +33,8 @@ class LookConfig:
     Attributes:
         every_steps: Interval of images of the hand camera during a motion.
         share: Share of the remaining time for one motion.
-        poses: Random arm poses, candidates for a close view of an object.
+        poses: Random arm poses, candidates for a close view of an object ...
+        other_poses: ... and for any other view.
         spread_rad: Standard deviation of these around the resting pose.
         distance_m: Minimum and maximum distance from the hand camera to the object.
         angle_rad: Maximum angle between the object and the camera's axis.
@@ -45,6 +46,7 @@ class LookConfig:
     every_steps: int = 5
     share: float = 0.2
     poses: int = 3000
+    other_poses: int = 200
     spread_rad: float = 0.7
     distance_m: tuple[float, float] = (0.25, 0.7)
     angle_rad: float = 0.45
@@ -76,6 +78,21 @@ def look_closer(
     poses = near_rest(robot.kinematics, rng, config.poses, config.spread_rad)
     poses = poses[_shows(robot.kinematics, poses, object_m, config)]
     poses = poses[np.argsort(np.abs(poses - scene.arm_qpos).max(axis=1))]
+    collision.set_margin(config.margin_m)
+    free = poses[collision.are_free(poses)]
+    if len(free):
+        goals = apart(free, robot.config.goal)
+        yield from _look_from(robot, scene, goals, collision, config)
+
+
+def look_again(
+    robot: Robot, scene: SeenScene, config: LookConfig
+) -> Generator[Command, None, None]:
+    """Looks from another arm pose near rest, from which a plan may be found as well."""
+    robot.doing = "look again"
+    collision = scene.collision()
+    rng = np.random.default_rng(robot.next_seed())
+    poses = near_rest(robot.kinematics, rng, config.other_poses, config.spread_rad)
     collision.set_margin(config.margin_m)
     free = poses[collision.are_free(poses)]
     if len(free):

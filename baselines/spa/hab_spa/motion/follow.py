@@ -108,7 +108,8 @@ class FollowConfig:
         settle_steps: Maximum steps for settling at the final target.
         air_shares: Model of free motion: share of the distance to the target, plus share of the
             last displacement (the drives of `hab_tasks.robots.control_modes`).
-        bump_rad: Deviation from free motion that counts as contact.
+        bump_rad: Deviation from free motion that counts as contact, ...
+        bump_share: ... more by this share of an expected change of the displacement.
     """
 
     lag_rad: float = 0.25
@@ -118,6 +119,7 @@ class FollowConfig:
     settle_steps: int = 15
     air_shares: tuple[float, float] = (0.33, 0.17)
     bump_rad: float = np.inf
+    bump_share: float = 0.3
 
 
 def tracked(targets: Array, start: Array, config: FollowConfig) -> Array:
@@ -177,7 +179,9 @@ class Follower:
             if self._step is not None:
                 pull, swing = self._config.air_shares
                 expected = pull * (self.target - self._last) + swing * self._step
-                self.bumped = float(np.abs(step - expected).max()) > self._config.bump_rad
+                change = float(np.abs(expected - self._step).max())
+                least = self._config.bump_rad + self._config.bump_share * change
+                self.bumped = float(np.abs(step - expected).max()) > least
             self._step = step
         self._last = qpos.copy()
 

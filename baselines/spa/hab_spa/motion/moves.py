@@ -68,12 +68,13 @@ def follow(
     while True:
         robot.leave_trail()
         target = follower.advance(robot.scene.arm_qpos)
-        if follower.bumped:
+        bumped = follower.bumped and not robot.swings
+        if bumped:
             robot.scene.met(follower.rest[:MEETING_STEPS])
             # Where the arm came from was free a moment ago; nothing else is known to be.
             for passed in robot.back_off():
                 yield robot.command(passed)
-        blocked = follower.bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
+        blocked = bumped or follower.lost() or robot.scene.in_the_way(follower.rest)
         if blocked or not intact():
             # Targets ahead of the arm would go on pushing against the obstacle.
             robot.relax()

@@ -68,6 +68,10 @@ TRAIL_RAD, BACK_POSES = 0.04, 10
 """Spacing of the poses of the trail, and the number of those through which the arm backs off."""
 
 
+SWING_STEPS = 8
+"""Steps after which the arm has come to rest when the base has stopped."""
+
+
 class Robot:
     """The robot of one row: scene model, latest command and remaining time.
 
@@ -104,6 +108,7 @@ class Robot:
         self._seeds = np.random.default_rng(seed)
         self._arm_rad = scene.arm_qpos.copy()
         self._trail: list[Array] = []
+        self._rolled = -SWING_STEPS
 
     @property
     def steps_left(self) -> int:
@@ -141,8 +146,14 @@ class Robot:
         if arm_rad is not None:
             self._arm_rad = np.array(arm_rad, dtype=float)
         if any(base):
+            self._rolled = self.steps
             self._trail.clear()  # elsewhere, the same arm poses need not be free
         return Command(arm_rad=self._arm_rad, gripper=self.gripper, base=base, pose=pose)
+
+    @property
+    def swings(self) -> bool:
+        """Whether the arm may still swing since the base has rolled."""
+        return self.steps - self._rolled < SWING_STEPS
 
     def relax(self) -> None:
         """Sets the arm's targets to its current pose."""

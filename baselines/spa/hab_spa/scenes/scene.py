@@ -77,6 +77,16 @@ class Scene(Beliefs, Protocol):
         """
         ...
 
+    def drives_into(self, bases: Array) -> bool:
+        """Returns whether an obstacle seen since the last plan is where the robot drives.
+
+        Called at every step.
+
+        Args:
+            bases: Next base poses (K, 3).
+        """
+        ...
+
     def taking(self, number: int, world_from_ee: Array) -> ArmCollision | None:
         """Returns the collision model with an object grasped at an end-effector pose (4, 4).
 

@@ -27,11 +27,12 @@ from hab_spa.sensing.fitted_box import (
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.sensing.seen_map import MapConfig, SeenMap
 from hab_spa.sensing.voxels import voxel_obstacles
-from hab_spa.shapes import Array, invert_pose
+from hab_spa.shapes import Array, invert_pose, standing
 from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.navigation import NavigationMap
+from hab_tasks.world.scenes.floor import LOWEST_M
 
 CAMERAS = ("head", "arm")
 HELD_HALF_M = 0.03
@@ -274,17 +275,35 @@ class SeenScene:
         Only voxels seen since the path was planned are checked. A door or drawer held by the hand
         is left out.
         """
-        self._steps += 1
-        if self._steps % self.config.watch_steps:
-            return False
-        self.look()
-        new_m = self.map.new_m(self._shoulder_m, self.config.reach_m)
         pulled = next(
             (articulation.body for articulation in self._articulations() if articulation.held), None
         )
-        here, size_m = self._believed(), self.config.map.voxels.size_m
-        new_m = new_m[~self._cleared(new_m, size_m, here, pulled)]
+        new_m = self._new_m(pulled)
         return any(self._filled(new_m, pose).any() for pose in path) if len(new_m) else False
+
+    def drives_into(self, bases: Array) -> bool:
+        """Looks every `watch_steps` and returns whether base poses (K, 3) are no longer free.
+
+        Only voxels seen since the last plan are checked.
+        """
+        new_m = self._new_m(None)
+        new_m = new_m[new_m[:, 2] > LOWEST_M]
+        if not len(new_m):
+            return False
+        there = standing(bases, float(self.world_from_base[2, 3]))
+        margin_m = self.config.touch_margin_m
+        poses = [self._own.poses(pose, self.arm_qpos) for pose in there]
+        return any(self._own.contain(new_m, pose, margin_m).any() for pose in poses)
+
+    def _new_m(self, without: str | None) -> Array:
+        """Looks every `watch_steps`, and returns the voxels (V, 3) seen since the last plan."""
+        self._steps += 1
+        if self._steps % self.config.watch_steps:
+            return np.zeros((0, 3))
+        self.look()
+        new_m = self.map.new_m(self._shoulder_m, self.config.reach_m)
+        size_m = self.config.map.voxels.size_m
+        return new_m[~self._cleared(new_m, size_m, self._believed(), without)]
 
     def met(self, path: Array) -> None:
         """Adds an obstacle to the map after contact during a motion to arm poses (K, J).
@@ -293,14 +312,13 @@ class SeenScene:
         """
         self.look()
         here = self._own.poses(self.world_from_base, self.arm_qpos)
+        margin_m = self.config.touch_margin_m
         found = [np.zeros((0, 3))]
         for pose in path:
-            there = self._own.poses(self.world_from_base, pose)
-            gripper_m = there[f"{self.robot.uid}/{self.robot.ee_link}"][:3, 3]
-            points_m = gripper_m + _GRID_M
+            points_m = _at(self.world_from_base @ self._arm.ee_pose(pose), np.zeros(3)) + _GRID_M
             new = self._filled(points_m, pose)
-            new[new] = ~self._own.contain(points_m[new], here, self.config.touch_margin_m)
-            new[new] = ~self._modeled(points_m[new], self.config.touch_margin_m)
+            new[new] = ~self._own.contain(points_m[new], here, margin_m)
+            new[new] = ~self._modeled(points_m[new], margin_m)
             found.append(points_m[new])
         self.map.add_contacts(np.concatenate(found))
 

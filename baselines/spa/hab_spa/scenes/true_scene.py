@@ -121,6 +121,10 @@ class TrueScene:
         state = replace(self.state, world_from_body=poses)
         return ArmCollision(self.robot, state, held=name)
 
+    def drives_into(self, bases: Array) -> bool:
+        """Returns False: the scene is known."""
+        return False
+
     def in_the_way(self, path: Array) -> bool:
         """Returns False: all obstacles were known when the path was planned."""
         return False

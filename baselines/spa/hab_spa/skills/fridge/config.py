@@ -31,7 +31,9 @@ class FridgeConfig:
         close_need: Minimum decrease of the opening of an acceptable pull [rad].
         go_on, go_on_steps: The arm continues from its current pose if that moves the door by at
             least this angle [rad] at a cost of fewer than these steps.
-        takes: Maximum number of grasps.
+        takes: Maximum number of grasps ...
+        plan_tries: ... and of those for which no path is found.
+        drives: Maximum number of drives to a base pose, if something new is in the way.
         grasps_m: Grasp points, as (along, out) offsets from the handle, ...
         around_m: ... and at the door's edge, in front of, beside and behind it, since the snap
             grasp reaches through the door; from there the hand follows the door's whole arc.
@@ -73,6 +75,8 @@ class FridgeConfig:
     go_on: float = 0.2
     go_on_steps: float = 120.0
     takes: int = 6
+    plan_tries: int = 6
+    drives: int = 3
     grasps_m: tuple[tuple[float, float], ...] = (
         (0.0, 0.02), (0.0, 0.06), (0.04, 0.06), (0.08, 0.03), (0.1, 0.05), (0.0, 0.1)
     )  # fmt: skip

@@ -16,6 +16,9 @@ from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
 from hab_tasks.robots.spec import RobotSpec
 
+AHEAD_POSES = 6
+"""Poses of a maneuver that are checked ahead of the robot, which needs two of them to stop."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class ManeuverConfig(WheelsConfig):
@@ -105,29 +108,39 @@ def _either(turn_rad: float, other: bool) -> float:
 def drive(
     robot: Robot, maneuver: BaseManeuver, config: ManeuverConfig
 ) -> Generator[Command, None, bool]:
-    """Executes a maneuver; returns whether the base completed it."""
+    """Executes a maneuver; returns whether the base completed it, with nothing new in its way."""
     wheels = Wheels(robot, config)
     through = yield from _turn(
-        wheels, maneuver.heading_rad - maneuver.start[2], maneuver.heading_rad
+        wheels, maneuver, maneuver.heading_rad - maneuver.start[2], maneuver.heading_rad
     )
     if through and maneuver.length_m:
         through = yield from _straight(wheels, maneuver)
     if through:
         through = yield from _turn(
-            wheels, maneuver.yaw_rad - maneuver.heading_rad, maneuver.yaw_rad
+            wheels, maneuver, maneuver.yaw_rad - maneuver.heading_rad, maneuver.yaw_rad
         )
     yield from wheels.stop()
     return through
 
 
+def _blocked(robot: Robot, maneuver: BaseManeuver) -> bool:
+    """Whether something new is in the way of the next base poses of a maneuver."""
+    poses, base = maneuver.poses(), robot.base
+    gaps = np.linalg.norm(poses[:, :2] - base[:2], axis=1)
+    gaps += np.abs(np.angle(np.exp(1j * (poses[:, 2] - base[2]))))
+    # A full turn passes a pose twice; the later one is not yet next.
+    here = int(gaps.argmin())
+    return robot.scene.drives_into(poses[here : here + AHEAD_POSES])
+
+
 def _turn(
-    wheels: Wheels[ManeuverConfig], turn_rad: float, yaw_rad: float
+    wheels: Wheels[ManeuverConfig], maneuver: BaseManeuver, turn_rad: float, yaw_rad: float
 ) -> Generator[Command, None, bool]:
     """Turns by about `turn_rad` to a heading; a turn of more than pi keeps its direction."""
     config, robot = wheels.config, wheels.robot
     left, before = turn_rad, robot.base[2]
     while abs(left) > config.near_rad:
-        if wheels.stuck:
+        if wheels.stuck or _blocked(robot, maneuver):
             return False
         yield wheels.roll(0.0, left / (config.brake_steps * robot.spec.base_step_rad))
         left -= angle(robot.base[2], before)
@@ -149,7 +162,7 @@ def _straight(
         left = maneuver.length_m - float((robot.base[:2] - start) @ ahead)
         if abs(left) < config.near_m or left * maneuver.length_m < 0:
             break
-        if wheels.stuck:
+        if wheels.stuck or _blocked(robot, maneuver):
             return False
         turn = angle(maneuver.heading_rad, robot.base[2])
         forward = left / (config.brake_steps * robot.spec.base_step_m)

@@ -131,20 +131,22 @@ class _Fridge:
 
     def _move(self) -> Motion:
         """Moves the door by repeated pulls until it is done, and rests."""
-        robot, failure = self._robot, None
+        robot, failure, in_vain = self._robot, None, 0
         for _ in range(self._config.takes):
+            began = robot.steps
             if not self._done:
                 failure = yield from self._swing()
                 if failure in (None, Failure.EXECUTION) and not self._done and self._reaches:
                     continue  # from the current pose of the arm
-            began, robot.gripper = robot.steps, RELEASE
+            in_vain += robot.steps == began
+            robot.gripper = RELEASE
             rested = yield from self._rest()
             yield from self._wait()
             self._reaches = False
             if self._done and rested is None:
                 return None
             failure = failure or rested or Failure.EXECUTION
-            if failure is Failure.TARGET_PLAN and robot.steps - began <= robot.config.retries:
+            if in_vain >= (1 if failure is Failure.TARGET_PLAN else self._config.plan_tries):
                 break
         return failure
 
@@ -201,13 +203,15 @@ class _Fridge:
             failure = yield from self._rest()
             if failure is not None:
                 return failure
-        chosen = self._choose(self._config.base_pose.tries)
-        if chosen is None:
-            yield from self._tuck()
+        for _ in range(self._config.drives):
             chosen = self._choose(self._config.base_pose.tries)
-        if chosen is None:
-            return Failure.TARGET_PLAN
-        yield from self._drive(chosen)
+            if chosen is None:
+                yield from self._tuck()
+                chosen = self._choose(self._config.base_pose.tries)
+            if chosen is None:
+                return Failure.TARGET_PLAN
+            if (yield from self._drive(chosen)):
+                break
         return None
 
     def _tuck(self) -> Motion:
@@ -225,9 +229,10 @@ class _Fridge:
         robot.spend("target", time.perf_counter() - began)
         return chosen
 
-    def _drive(self, chosen: SelectedBasePose) -> Generator[Command, None, None]:
-        if chosen.maneuver is not None:
-            yield from drive(self._robot, chosen.maneuver, self._config.maneuver)
+    def _drive(self, chosen: SelectedBasePose) -> Generator[Command, None, bool]:
+        if chosen.maneuver is None:
+            return True
+        return (yield from drive(self._robot, chosen.maneuver, self._config.maneuver))
 
     def _goes_on(self, candidate: DoorPath) -> bool:
         """Whether a pull from the current pose moves the door far enough at a low cost."""

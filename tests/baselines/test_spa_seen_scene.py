@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from hab_spa.planning.ik import BatchArm
 from hab_spa.scenes.scene import KnownPositions
-from hab_spa.scenes.seen_scene import SeenConfig, SeenScene
+from hab_spa.scenes.seen_config import SeenConfig
+from hab_spa.scenes.seen_scene import SeenScene
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH

@@ -14,6 +14,7 @@ from hab_spa.scenes.seen_shelves import SeenKnown
 from hab_spa.sensing.drawer_fit import HALF_WIDTH_M, TRAVEL_M, FoundDrawer, find_drawer
 from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, find_fridge, seen_joint
 from hab_spa.sensing.known_fridge import (
+    MOST_RAD,
     WIDTH_M,
     articulation_of,
     bodies,
@@ -143,11 +144,19 @@ class SeenFridge(SeenFurniture):
         # One that is to be opened may stand ajar after an attempt.
         tried = [find_fridge(images, self.object_m(0), base_m, one) for one in {opened, True}]
         found = max((one for one in tried if one), key=lambda one: one.score, default=None)
-        if found is not None:
+        if found is not None and (self._found is None or found.score > self._found.score):
             self._found, self._opened = found, opened
             self._felt_rad = float(found.pose[3])
             self._open_by(self._felt_rad)
         return self._found is not None
+
+    def missed(self) -> None:
+        """Looks for the fridge again, as its handle is not where it is believed."""
+        before = self._fridge
+        self.find(self._opened)
+        if self._fridge is before:
+            joint = seen_joint(self._images(), before, around_rad=MOST_RAD)
+            self._open_by(before.pose[3] if joint is None else joint)
 
     def articulation(self, number: int) -> ArticulationState:
         """Returns the fridge's door."""

@@ -101,7 +101,8 @@ class FitConfig:
         around_rad: A front's normal is at most so far from the direction to the robot.
         before_m: Distances of a front from what is inside.
         beside_m: Most lateral distance of the front's middle from it, ...
-        step_m: ... in such steps.
+        step_m: ... in such steps; ...
+        near_m: ... a fit may exceed these by so much.
         starts: Number of places from which the shape is fitted.
         rounds: Tolerance [m], spacing [m], spread of the samples and their number, for each round.
         spread: Standard deviations out of the front, along it [m], in yaw and opening [rad].
@@ -117,6 +118,7 @@ class FitConfig:
     before_m: tuple[float, float] = (0.1, 0.64)
     beside_m: float = 0.34
     step_m: float = 0.015
+    near_m: float = 0.03
     starts: int = 12
     rounds: tuple[tuple[float, float, float, int], ...] = (
         (0.03, COARSE_M, 0.5, 80),
@@ -152,12 +154,14 @@ def find_fridge(
     config, rng = config or FitConfig(), np.random.default_rng(0)
     starts = _starts(images, inside_m, base_m, opened, config)
     if opened:
-        found = [one for start in starts for one in _with_door(images, start, config, rng)]
+        found = [
+            one for start in starts for one in _with_door(images, start, inside_m, config, rng)
+        ]
         most = sorted(found, key=lambda one: -one.score)[: config.starts // 2]
         later = replace(config, rounds=config.rounds[1:])
-        found = [_refined(images, one.pose, one.side, later, rng, "all") for one in most]
+        found = [_refined(images, one.pose, one.side, inside_m, later, rng, "all") for one in most]
     else:
-        found = [_refined(images, start, 1, config, rng) for start in starts]
+        found = [_refined(images, start, 1, inside_m, config, rng) for start in starts]
     judged = [_with_handle(images, one, opened, config) for one in found]
     best = max(judged, key=lambda one: one.score, default=None)
     least = config.least_score if opened else config.least_closed
@@ -165,10 +169,12 @@ def find_fridge(
 
 
 def _with_door(
-    images: Images, start: Array, config: FitConfig, rng: np.random.Generator
+    images: Images, start: Array, inside_m: Array, config: FitConfig, rng: np.random.Generator
 ) -> list[Found]:
     """Returns the best opening on either side, after a fit of what does not move."""
-    fixed = _refined(images, start, 1, replace(config, rounds=config.rounds[:3]), rng, "body")
+    fixed = _refined(
+        images, start, 1, inside_m, replace(config, rounds=config.rounds[:3]), rng, "body"
+    )
     turned = np.repeat(fixed.pose[None], OPENINGS, axis=0)
     turned[:, 3] = np.linspace(0.0, MOST_RAD, len(turned))
     found = []
@@ -246,11 +252,12 @@ def _refined(
     images: Images,
     pose: Array,
     side: int,
+    inside_m: Array,
     config: FitConfig,
     rng: np.random.Generator,
     moves: str = "closed",
 ) -> Found:
-    """Returns the best pose near one, by samples around the best so far."""
+    """Returns the best pose near one that holds a place, by samples around the best so far."""
     spread = np.array(config.spread) * (1.0, 1.0, 1.0, moves == "all")
     score = -np.inf
     for number, (tolerance_m, spacing_m, share, count) in enumerate(config.rounds):
@@ -271,8 +278,20 @@ def _refined(
         )
         points = outline(spacing_m, side, moves != "body")
         scores = _scores(images, points, poses, side, tolerance_m)
+        # Beside an open door there is room for the fridge's mirror image.
+        scores[~_holds(poses, inside_m, config)] = 0.0
         pose, score = poses[scores.argmax()], float(scores.max())
     return Found(pose=pose, side=side, score=score)
+
+
+def _holds(poses: Array, inside_m: Array, config: FitConfig) -> NDArray[np.bool_]:
+    """Whether a place (3,) is in the fridge at poses (K, 4)."""
+    gaps_m, cosine, sine = inside_m[:2] - poses[:, :2], np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    before_m = -cosine * gaps_m[:, 0] - sine * gaps_m[:, 1]
+    beside_m = np.abs(cosine * gaps_m[:, 1] - sine * gaps_m[:, 0])
+    nearest_m, farthest_m = config.before_m
+    inside = (before_m > nearest_m - config.near_m) & (before_m < farthest_m + config.near_m)
+    return inside & (beside_m < config.beside_m + config.near_m)
 
 
 def _with_handle(images: Images, found: Found, opened: bool, config: FitConfig) -> Found:

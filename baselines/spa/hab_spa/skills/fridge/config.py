@@ -31,6 +31,7 @@ class FridgeConfig:
         close_need: Minimum decrease of the opening of an acceptable pull [rad].
         go_on, go_on_steps: The arm continues from its current pose if that moves the door by at
             least this angle [rad] at a cost of fewer than these steps.
+        grasp_steps: Maximum steps until a grasp holds.
         takes: Maximum number of grasps ...
         plan_tries: ... and of those for which no path is found.
         drives: Maximum number of drives to a base pose, if something new is in the way.
@@ -74,6 +75,7 @@ class FridgeConfig:
     close_need: float = 0.45
     go_on: float = 0.2
     go_on_steps: float = 120.0
+    grasp_steps: int = 8
     takes: int = 6
     plan_tries: int = 6
     drives: int = 3

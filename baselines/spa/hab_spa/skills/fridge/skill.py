@@ -268,10 +268,11 @@ class _Fridge:
         if failure is not None:
             return failure
         robot.doing, robot.gripper = "grasp", GRASP
-        for _ in range(robot.config.grasp_steps):
+        for _ in range(config.grasp_steps):
             if self._held:
                 return None
             yield robot.command()
+        robot.scene.missed()
         return Failure.EXECUTION
 
     def _follow(self, candidates: list[DoorPath]) -> Generator[Command, None, None]:

@@ -14,6 +14,9 @@ from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.maneuver import ManeuverConfig
 from hab_tasks.privileged import ArticulationState
 
+NEAR_M = 0.09
+"""The hand grasps within 0.15 m, of which an error of the handle's position takes its share."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FridgeConfig:
@@ -112,6 +115,11 @@ class FridgeConfig:
     quick_steps: tuple[float, float] = (80.0, 200.0)
     base_pose: BasePoseConfig = field(default_factory=BasePoseConfig)
     maneuver: ManeuverConfig = field(default_factory=ManeuverConfig)
+
+    def nearer(self) -> FridgeConfig:
+        """Returns the parameters after a miss: only grasp points near the handle."""
+        near = tuple(point for point in self.grasps_m if np.hypot(*point) < NEAR_M)
+        return replace(self, grasps_m=near, around_m=())
 
 
 def pull_of(articulation: ArticulationState, out: bool, config: FridgeConfig) -> Pull:

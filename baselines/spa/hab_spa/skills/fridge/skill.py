@@ -106,7 +106,7 @@ class _Fridge:
         self, robot: Robot, number: int, out: bool, region: Rectangle | None, config: FridgeConfig
     ) -> None:
         self._robot, self._number, self._out = robot, number, out
-        self._region, self._config = region, config
+        self._region, self._config, self._whole = region, config, config
         self._open_rad, self._reaches = FRIDGE_OPEN_RAD, False
 
     @property
@@ -125,7 +125,8 @@ class _Fridge:
         if failure is None and self._out and self._region is None:
             config = wider(self._robot, self._number, self._config, ExitConfig())
             if config is not None:
-                self._config, self._open_rad = config, config.opened - OPEN_SLACK_RAD
+                self._config = self._whole = config
+                self._open_rad = config.opened - OPEN_SLACK_RAD
                 yield from self._move()  # the door is open already, so a failure is ignored
         return failure
 
@@ -205,6 +206,9 @@ class _Fridge:
                 return failure
         for _ in range(self._config.drives):
             chosen = self._choose(self._config.base_pose.tries)
+            if chosen is None and self._config is not self._whole:
+                self._config = self._whole
+                continue
             if chosen is None:
                 yield from self._tuck()
                 chosen = self._choose(self._config.base_pose.tries)
@@ -273,6 +277,7 @@ class _Fridge:
                 return None
             yield robot.command()
         robot.scene.missed()
+        self._config = config.nearer()
         return Failure.EXECUTION
 
     def _follow(self, candidates: list[DoorPath]) -> Generator[Command, None, None]:

@@ -1,4 +1,4 @@
-"""Fridge and drawer as SPA sees them: where the handle is, closed and open."""
+"""What SPA sees: a fridge's and a drawer's handle, a fridge's shelves, and what the hand holds."""
 
 from __future__ import annotations
 
@@ -6,10 +6,14 @@ import gymnasium as gym
 import numpy as np
 import pytest
 from hab_spa.scenes.seen_furniture import SeenDrawer, SeenFridge
+from hab_spa.scenes.seen_shelves import SeenShelves
+from hab_spa.sensing.known_fridge import BODY_NAME
+from hab_spa.shapes import invert_pose
 
 from hab_tasks.robots.fetch import FETCH
 
 SEEDS = range(500, 504)
+HELD_SEEDS = range(500, 512)
 
 
 @pytest.mark.parametrize("dataset", ["apartment", "real"])
@@ -42,3 +46,55 @@ def test_furniture_is_found_in_depth(request, dataset, env_id, opened, least, ne
     assert len(off_m) >= least
     assert sum(gap_m < near_m for gap_m in off_m) >= len(off_m) - opened
     assert max(off_m) < else_m
+
+
+@pytest.mark.parametrize("dataset", ["apartment", "real"])
+def test_the_box_of_a_held_object_and_the_shelves_are_those_seen(request, dataset):
+    scenes = {"scene_dataset": "apartment"}
+    if dataset == "real":
+        names = {"scene_dataset": "replica_cad", "objects": "ycb"}
+        scenes = {key: str(request.getfixturevalue(name)) for key, name in names.items()}
+    env = gym.make("hab_tasks:HabPlace-v1", obs_mode="depth", **scenes)
+    volumes, fridges = [], 0
+    for seed in HELD_SEEDS:
+        obs, _ = env.reset(seed=seed)
+        (true,) = env.unwrapped.privileged()
+        scene = SeenShelves(FETCH)
+        scene.see(obs, 0)
+        scene.look_into(scene.goal_m(0))
+        scene.look()
+        state = scene._believed()
+        corners_m = _held_vertices_m(true)
+        seen = next(body for body in state.bodies if body.name == state.held)
+        half_m = seen.shapes[0].half_size_m
+        box_from_world = invert_pose(state.world_from_body[seen.name])
+        local_m = corners_m @ box_from_world[:3, :3].T + box_from_world[:3, 3]
+        assert (np.abs(local_m) - half_m).max() < 0.03
+        volumes.append(np.prod(2 * half_m) / _least_volume_m3(corners_m))
+        shelves = [body for body in state.bodies if body.name == BODY_NAME]
+        fridges += len(shelves)
+        if shelves:
+            told = true.world_from_body["fridge_:0000/body"][:2, 3]
+            middle_m = state.world_from_body[BODY_NAME] @ (-0.322, 0.353, 0.0, 1.0)
+            assert np.linalg.norm(middle_m[:2] - told) < 0.05
+    env.close()
+    assert np.median(volumes) < 1.15
+    assert fridges or dataset == "real"  # of whose goals few are in a fridge
+
+
+def _held_vertices_m(state):
+    """Vertices (K, 3) of the held object, in the world."""
+    body = next(body for body in state.bodies if body.name == state.held)
+    found = []
+    for shape in body.shapes:
+        pose = state.world_from_body[body.name] @ shape.body_from_shape
+        found.append(shape.vertices_m @ pose[:3, :3].T + pose[:3, 3])
+    return np.concatenate(found)
+
+
+def _least_volume_m3(points_m):
+    """Volume of the smallest upright box around points (K, 3)."""
+    yaws = np.linspace(0.0, np.pi / 2, 60)
+    turns = [np.array(((np.cos(a), -np.sin(a)), (np.sin(a), np.cos(a)))) for a in yaws]
+    area_m2 = min(np.prod(np.ptp(points_m[:, :2] @ turn, axis=0)) for turn in turns)
+    return area_m2 * np.ptp(points_m[:, 2])

@@ -59,6 +59,18 @@ def test_only_what_was_seen_since_the_plan_is_in_the_way(scene):
     assert not scene.in_the_way(path)
 
 
+def test_a_robot_that_drives_sees_what_it_would_drive_into(scene):
+    # It rolls 1 m ahead, to where the hand would be in a wall at 0.9 m.
+    ahead = np.column_stack((np.linspace(0.0, 1.0, 11), np.zeros((11, 2))))
+    assert not scene.drives_into(ahead)
+    camera = camera_pose(FETCH.cameras["head"]).to_transformation_matrix().astype(float)
+    seen = observation(wall_m=float(camera[:3, 0] @ ((0.9, 0.0, 0.8) - camera[:3, 3])))
+    seen["sensor_data"]["arm"] = seen["sensor_data"]["head"]  # else the hand sees through the wall
+    scene.see(seen, 0)
+    assert scene.drives_into(ahead)
+    assert not scene.drives_into(ahead[:1])  # here it stands free
+
+
 def test_what_lies_in_a_drawer_is_believed_to_move_with_it(make_scene, drawer_at):
     made = make_scene()
     made.add_box("cabinet/drawer", "furniture", (1.0, 0.0, 0.5), (0.6, 0.4, 0.2))

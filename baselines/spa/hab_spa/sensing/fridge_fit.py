@@ -114,7 +114,7 @@ class FitConfig:
     planes: int = 8
     least_cells: int = 15
     cell_m: float = 0.03
-    around_rad: float = np.pi / 3
+    around_rad: float = np.pi / 4
     before_m: tuple[float, float] = (0.1, 0.64)
     beside_m: float = 0.34
     step_m: float = 0.015

@@ -147,7 +147,7 @@ class _Fridge:
             if self._done and rested is None:
                 return None
             failure = failure or rested or Failure.EXECUTION
-            if in_vain >= (1 if failure is Failure.TARGET_PLAN else self._config.plan_tries):
+            if in_vain >= self._config.plan_tries:
                 break
         return failure
 

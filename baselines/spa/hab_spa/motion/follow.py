@@ -124,12 +124,17 @@ class FollowConfig:
 
 def tracked(targets: Array, start: Array, config: FollowConfig) -> Array:
     """Returns the arm poses (T, J) in free motion from rest at `start` (J,) by targets (T, J)."""
-    pull, swing = config.air_shares
     poses, last = [start], np.zeros_like(start)
     for target in targets:
-        last = pull * (target - poses[-1]) + swing * last
+        last = _free_step(target, poses[-1], last, config)
         poses.append(poses[-1] + last)
     return np.array(poses[1:])
+
+
+def _free_step(target: Array, pose: Array, last: Array, config: FollowConfig) -> Array:
+    """Returns the next displacement (J,) in free motion, after the displacement `last`."""
+    pull, swing = config.air_shares
+    return pull * (target - pose) + swing * last
 
 
 class Follower:
@@ -177,8 +182,7 @@ class Follower:
         if self._last is not None:
             step = qpos - self._last
             if self._step is not None:
-                pull, swing = self._config.air_shares
-                expected = pull * (self.target - self._last) + swing * self._step
+                expected = _free_step(self.target, self._last, self._step, self._config)
                 change = float(np.abs(expected - self._step).max())
                 least = self._config.bump_rad + self._config.bump_share * change
                 self.bumped = float(np.abs(step - expected).max()) > least

@@ -78,11 +78,7 @@ def look_closer(
     poses = near_rest(robot.kinematics, rng, config.poses, config.spread_rad)
     poses = poses[_shows(robot.kinematics, poses, object_m, config)]
     poses = poses[np.argsort(np.abs(poses - scene.arm_qpos).max(axis=1))]
-    collision.set_margin(config.margin_m)
-    free = poses[collision.are_free(poses)]
-    if len(free):
-        goals = apart(free, robot.config.goal)
-        yield from _look_from(robot, scene, goals, collision, config)
+    yield from _look_from_free(robot, scene, poses, collision, config)
 
 
 def look_again(
@@ -93,11 +89,7 @@ def look_again(
     collision = scene.collision()
     rng = np.random.default_rng(robot.next_seed())
     poses = near_rest(robot.kinematics, rng, config.other_poses, config.spread_rad)
-    collision.set_margin(config.margin_m)
-    free = poses[collision.are_free(poses)]
-    if len(free):
-        goals = apart(free, robot.config.goal)
-        yield from _look_from(robot, scene, goals, collision, config)
+    yield from _look_from_free(robot, scene, poses, collision, config)
 
 
 def look_at(robot: Robot, point_m: Array) -> Generator[Command, None, None]:
@@ -105,6 +97,17 @@ def look_at(robot: Robot, point_m: Array) -> Generator[Command, None, None]:
     robot.doing = "look"
     gap_m = point_m[:2] - robot.base[:2]
     yield from turn_to(robot, float(np.arctan2(gap_m[1], gap_m[0])))
+
+
+def _look_from_free(
+    robot: Robot, scene: SeenScene, poses: Array, collision: ArmCollision, config: LookConfig
+) -> Generator[Command, None, None]:
+    """Looks from one of the poses (P, J) that are free, the first ones preferred."""
+    collision.set_margin(config.margin_m)
+    free = poses[collision.are_free(poses)]
+    if len(free):
+        goals = apart(free, robot.config.goal)
+        yield from _look_from(robot, scene, goals, collision, config)
 
 
 def _look_from(

@@ -46,7 +46,7 @@ class FeltBeliefs:
         self.places_m, self.moved = starts_m.copy(), np.zeros(len(starts_m), dtype=bool)
         self._goals_m, self.doubts = goals_m, [0] * len(starts_m)
         self._reaching: int | None = None
-        self._held_m, self._taken_m = np.zeros(3), np.zeros(3)
+        self._held_m = np.zeros(3)
         self.openings = list(openings)
 
     def begin(self, stage: Stage) -> None:
@@ -64,7 +64,6 @@ class FeltBeliefs:
         if holding and self.held is None and self._reaching is not None:
             # In the hand it keeps its place relative to it, as good as level.
             self.held, self._held_m = self._reaching, self.places_m[self._reaching] - hand_m
-            self._taken_m = hand_m
             self._reaching = None
         elif self.held is not None and not holding:
             self._let_go(self.held, hand_m + np.array((0.0, 0.0, self._held_m[2])))
@@ -74,12 +73,11 @@ class FeltBeliefs:
         """Notes where the held object is, (3,) from the hand."""
         self._held_m = held_m
 
-    def take_for_other(self) -> Array:
-        """Notes that what is held is not what was to be picked; returns where it was taken (3,)."""
+    def take_for_other(self) -> None:
+        """Notes that what is held is not what was to be picked."""
         assert self.held is not None
         self.doubts[self.held] += 1
         self.held = None
-        return self._taken_m
 
     def end(self, stage: Stage, ended: bool, pulled_m: float | None) -> None:
         """Notes that a skill has ended.

@@ -29,6 +29,9 @@ from hab_tp_srl.view import TaskView
 BETWEEN_LOOKS, MOST_WATCHED, SAME_M = 10, 60, 0.01
 """What was placed is looked at every so many steps, until it lies where it lay in the last look."""
 
+AFTER_STEPS = 350
+"""Most steps after a skill: to rest and look, and to put back what is not the target."""
+
 REACHED_M = 1.8
 """No arm on a base that stands reaches a point so far from it: the navigator has not arrived."""
 
@@ -44,7 +47,9 @@ def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, Skill
         policies: Who executes each skill.
         view: What the robot observes.
     """
-    put = next((one for one in policies.get("place", ()) if isinstance(one, SkillPolicy)), None)
+    placing = policies.get("place", ())
+    kinds = (SkillPolicy, AgentPolicy)  # a learned one, as it takes no time to plan
+    put = next((one for kind in kinds for one in placing if isinstance(one, kind)), None)
     found: dict[str, SkillProvider[Robot]] = {}
     for skill, ones in policies.items():
         parts: list[SkillProvider[Robot]] = []
@@ -123,7 +128,7 @@ class LearnedSkill:
     task: Task
     policy: SkillPolicy | AgentPolicy
     view: TaskView
-    put: SkillPolicy | None = None
+    put: SkillPolicy | AgentPolicy | None = None
 
     @property
     def name(self) -> str:
@@ -137,8 +142,8 @@ class LearnedSkill:
 
     @property
     def horizon_steps(self) -> int:
-        """Maximum number of steps."""
-        return self.policy.horizon_steps
+        """Maximum number of steps, with those to see what came of it."""
+        return self.policy.horizon_steps + (AFTER_STEPS if self.view.sees else 0)
 
     def can_start(self, robot: Robot, stage: Stage) -> bool:
         """Whether there is something in the hand to place."""
@@ -237,8 +242,8 @@ class LearnedSkill:
     def _put_back(self, robot: Robot, stage: Stage) -> Motion:
         """Puts what is not the target back to where the hand took it."""
         view = self.view
-        point_m = view.felt.take_for_other()
-        if isinstance(self.put, SkillPolicy):
+        point_m = view.take_for_other()
+        if self.put is not None:
             placing = replace(stage, skill="place", at="goal")
             ending = Ending(self.task, placing, view, None)
             yield from learned(robot, placing, self.put, view, ending, point_m)

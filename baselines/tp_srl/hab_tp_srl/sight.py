@@ -42,6 +42,18 @@ STANDS_M, LOWEST_M, SAME = 0.04, -0.015, 0.7
 """What is seen around an object's centre of mass, from so far below it, is the object; it still
 stands there if so much of it looks the same."""
 
+GONE_M, SURELY_GONE_M = 0.09, 0.05
+"""The middle of what is seen of an object is so near to its centre of mass, and rarely that of
+another one."""
+
+OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
+"""What has gone is another object if so much of it was seen, it is not larger, and it was so near.
+A door that was pushed is larger."""
+
+HELD_M, OTHER_HELD_M = 0.03, 0.07
+"""The target is seen in the hand so near to where it was when the hand closed, another object so
+far from there."""
+
 OWN_M, OWN_PX = 0.04, 2
 """Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
 edges a pixel may show either."""
@@ -173,6 +185,34 @@ def middle_m(cloud_m: Array) -> Array:
     return (cloud_m.min(axis=0) + cloud_m.max(axis=0)) / 2
 
 
+def is_other(before: Look, after: Look, here_m: Array, aside_m: float | None) -> bool:
+    """Whether the hand has taken something else between two looks than what was at a point (3,).
+
+    Args:
+        before: The look before.
+        after: The look after.
+        here_m: The point, in the base frame of the look after.
+        aside_m: Distance of what is seen in the hand from where the target would be; None if
+            nothing is.
+    """
+    # What has gone is what was nearer before.
+    gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
+    gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
+    nearest_m = min(gaps_m, default=np.inf)
+    if aside_m is not None and aside_m < HELD_M:
+        return False
+    # Of a tall object only one end may be seen in the hand.
+    if aside_m is not None and aside_m > OTHER_HELD_M:
+        return nearest_m > SURELY_GONE_M
+    if before.stands(after, here_m):
+        return True
+    others = (
+        gap_m < NEAR_M and len(cloud_m) >= OTHER_PX and np.ptp(cloud_m, axis=0).max() < OTHER_M
+        for gap_m, cloud_m in zip(gaps_m, gone, strict=True)
+    )
+    return nearest_m > GONE_M and any(others)
+
+
 FRONT_M = 0.4
 """The front is what was seen so near to the hand when it grasped the handle."""
 
@@ -250,9 +290,12 @@ def fridge_stands_open(look: Look, inside_m: Array) -> bool:
     return found is not None and bool(found.pose[3] > AJAR_RAD)
 
 
-def changed(look: Look, front_m: Array) -> NDArray[np.bool_]:
-    """Whether points of a front (P, 3), in the base frame, are seen not to be there in a look."""
+def seen_through(look: Look, front_m: Array) -> NDArray[np.bool_]:
+    """Whether a look sees through points of a front (P, 3), in the base frame.
+
+    A point with something before it may still be there: an open drawer hides the one below.
+    """
     which, gaps_m = look.behind_m(front_m)
     found = np.zeros(len(front_m), dtype=bool)
-    found[which] = np.abs(gaps_m) > SAME_M
+    found[which] = gaps_m > SAME_M
     return found

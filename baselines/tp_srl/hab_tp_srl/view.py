@@ -22,23 +22,12 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.sight import Fronts, Look, changed, fridge_stands_open, is_there, middle_m
-
-GONE_M = 0.09
-"""The middle of what is seen of an object is so near to its centre of mass."""
-
-OTHER_PX, OTHER_M, NEAR_M = 20, 0.3, 0.3
-"""What has gone is another object if so much of it was seen, it is not larger, and it was so near.
-A door that was pushed is larger."""
-
-HELD_M, OTHER_HELD_M = 0.03, 0.07
-"""The target is seen in the hand so near to where it was when the hand closed, another object so
-far from there."""
+from hab_tp_srl.sight import Fronts, Look, fridge_stands_open, is_other, is_there, seen_through
 
 NEARER_M = 0.015
 """The middle of an object is so much farther than that of what is seen of it, on average."""
 
-MOST_DOUBTS = 2
+MOST_DOUBTS = 3
 """After so many picks that look wrong, what is seen there is taken for something else."""
 
 Entries = dict[tuple[str, str], NDArray[Any]]
@@ -93,6 +82,8 @@ class TaskView:
         self._hand_m: Array | None = None
         self._reached_m: Array | None = None
         self._held_in_ee_m, self._slid = np.zeros(3), False
+        self._taken_m, self._frame_from_ee = np.zeros(3), np.eye(3)
+        self._other_in_ee_m = np.zeros(3)
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes the observation of a row, at every step; it is read when it is needed."""
@@ -157,23 +148,18 @@ class TaskView:
         held = self.felt.held
         if held is None or self.felt.doubts[held] >= MOST_DOUBTS:
             return False
-        here_m = self._in_base(point_m)
-        # What has gone is what was nearer before.
-        after = self.look(robot)
+        after, aside_m = self.look(robot), None
         in_ee_m = self._seen_in_ee_m(after, before)
         if in_ee_m is not None:
-            gap_m = float(np.linalg.norm(in_ee_m - self._held_in_ee_m))
-            if not HELD_M < gap_m < OTHER_HELD_M:
-                return gap_m > HELD_M
-        if before.stands(after, here_m):
-            return True
-        gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
-        gaps_m = [np.linalg.norm(middle_m(cloud_m) - here_m) for cloud_m in gone]
-        others = (
-            gap_m < NEAR_M and len(cloud_m) >= OTHER_PX and np.ptp(cloud_m, axis=0).max() < OTHER_M
-            for gap_m, cloud_m in zip(gaps_m, gone, strict=True)
-        )
-        return bool(min(gaps_m, default=np.inf) > GONE_M) and any(others)
+            self._other_in_ee_m = in_ee_m
+            aside_m = float(np.linalg.norm(in_ee_m - self._held_in_ee_m))
+        return is_other(before, after, self._in_base(point_m), aside_m)
+
+    def take_for_other(self) -> Array:
+        """Notes that what is held is not what was to be picked; returns where it was (3,)."""
+        self.felt.take_for_other()
+        self._held_in_ee_m = self._other_in_ee_m
+        return self._taken_m + self._frame_from_ee @ self._held_in_ee_m
 
     def see_front(self, look: Look, number: int) -> None:
         """Notes what is seen before a door or drawer is first opened."""
@@ -183,7 +169,7 @@ class TaskView:
     def see_opened(self, look: Look, number: int) -> None:
         """Notes what has moved when a door or drawer was opened."""
         if self.felt.openings[number] == "open":
-            self._fronts.keep(number, lambda points_m: changed(look, self._in_base(points_m)))
+            self._fronts.keep(number, lambda points_m: seen_through(look, self._in_base(points_m)))
 
     def see_closed(self, look: Look, stage: Stage, number: int) -> bool:
         """Returns whether a stage's door or drawer is seen to be closed, and believes it.
@@ -317,8 +303,13 @@ class TaskView:
         """Notes where an object is in the hand when a pick grasps it."""
         if self._reached_m is None or not self.holding:
             return
-        gap_m = self._in_base(self._reached_m) - self._felt("ee_position")
+        hand_m = self._felt("ee_position").astype(float)
+        gap_m = self._in_base(self._reached_m) - hand_m
         self._held_in_ee_m, self._reached_m = self._ee_axes @ gap_m, None
+        self._other_in_ee_m = self._held_in_ee_m
+        self._taken_m = self._to_frame(hand_m)
+        ends_m = self._to_frame(hand_m + self._ee_axes) - self._taken_m
+        self._frame_from_ee = ends_m.T
 
     def _seen_in_ee_m(self, look: Look, before: Look | None = None) -> Array | None:
         """Returns where (3,) an object is seen in the hand; None if none is."""

@@ -12,7 +12,7 @@ from hab_spa.sensing.cloud import DepthView
 from hab_tp_srl.felt import FeltBeliefs
 from hab_tp_srl.navigators import LearnedNavigator
 from hab_tp_srl.providers import InTurn, LearnedSkill
-from hab_tp_srl.sight import Fronts, Look, changed, is_there
+from hab_tp_srl.sight import Fronts, Look, is_there, seen_through
 from hab_tp_srl.view import TaskView
 
 from hab_tasks.robots.fetch import FETCH
@@ -94,7 +94,7 @@ def test_a_closed_front_is_seen_where_it_was_when_the_hand_grasped_its_handle(
     fronts.touch(0, np.array((0.0, 0.0, -0.95)))
     fronts.see(0, look(np.full((100, 100), 0.9)).surfaces_m)  # it may stand open since
     opened[:20] = 1.0
-    fronts.keep(0, lambda points_m: changed(look(opened), points_m))
+    fronts.keep(0, lambda points_m: seen_through(look(opened), points_m))
     assert fronts.of(0)[:, 1].max() < 0.3  # without the wall
     own = np.zeros((100, 100), dtype=bool)
     own[:, :hidden] = True

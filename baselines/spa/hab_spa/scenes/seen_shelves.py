@@ -10,8 +10,12 @@ from hab_spa.scenes.seen_scene import CAMERAS, SeenScene
 from hab_spa.sensing.cloud import DepthView
 from hab_spa.sensing.fridge_fit import Found, Images, find_fridge
 from hab_spa.sensing.known_fridge import BODY_NAME, SHELVES_M, bodies, poses_of
-from hab_spa.shapes import Array
+from hab_spa.shapes import Array, box_distance_m, invert_pose
+from hab_tasks.arrays import Bools
 from hab_tasks.privileged import CollisionBody, PrivilegedState
+
+ON_LINE = 20
+"""Points on a line of sight of 0.15 m at most; walls and shelves are 0.02 m thick."""
 
 SURE_SCORE = 400.0
 """Least score of a fridge. In 160 episodes of Place in both scene datasets, all 21 fridges had 424
@@ -66,9 +70,29 @@ class SeenShelves(SeenKnown):
             if found is not None and found.score >= SURE_SCORE:
                 self._around = found
 
+    def grasp_points_m(self, number: int, *, around: bool = False) -> Array:
+        """Returns the points (P, 3) at which the hand can grasp an object, on its side of walls."""
+        points_m = super().grasp_points_m(number, around=around)
+        for body, frame in self._bodies():
+            points_m = points_m[~_parted(points_m, self.object_m(number), body, frame)]
+        return points_m
+
     def _bodies(self) -> list[tuple[CollisionBody, Array]]:
         """Returns the fridge without its door, which is seen."""
         if self._around is None:
             return []
         body, _ = bodies(self._around.side)
         return [(body, poses_of(self._around.pose, self._around.side)[BODY_NAME])]
+
+
+def _parted(points_m: Array, object_m: Array, body: CollisionBody, frame: Array) -> Bools:
+    """Whether the boxes of a body at (4, 4) are between points (P, 3) and an object at (3,)."""
+    shares = np.linspace(0.0, 1.0, ON_LINE)[:, None, None]
+    lines_m = points_m + shares * (object_m - points_m)
+    parted = np.zeros(len(points_m), dtype=bool)
+    for shape in body.shapes:
+        box_from_world = invert_pose(frame @ shape.body_from_shape)
+        local_m = lines_m @ box_from_world[:3, :3].T + box_from_world[:3, 3]
+        inside = box_distance_m(local_m, -shape.half_size_m, shape.half_size_m) == 0.0
+        parted |= inside.any(axis=0)
+    return parted

@@ -18,6 +18,9 @@ from hab_tasks.articulations import ARTICULATION_KINDS
 DROP_M, BESIDE_M = 0.3, 0.15
 """An object released up to so far above its goal, and so far beside it, falls to it (S H.2)."""
 
+CLOSED_M = {"drawer": 0.06, "fridge": 0.12}
+"""A handle that was moved back so near to its place is closed, as far as the hand feels."""
+
 
 class FeltBeliefs:
     """Where the objects of an episode are, and which doors and drawers are open.
@@ -85,14 +88,17 @@ class FeltBeliefs:
         Args:
             stage: Its stage.
             ended: Whether by its own condition, not at its horizon.
-            pulled_m: How far the hand has pulled the handle; None if that is not known.
+            pulled_m: How far the hand has moved the handle since it was first closed; None if it
+                has not held it now.
         """
         if stage.articulation is None:
             return
         verb, _, kind = stage.skill.partition("_")
-        if verb == "open":
-            least_m = ARTICULATION_KINDS[kind].pulled_m if kind in ARTICULATION_KINDS else 0.0
-            ended = ended and (pulled_m is None or pulled_m >= least_m)
+        if pulled_m is not None and verb == "open":
+            # Also if the arm has not come to rest beside it in time.
+            ended = pulled_m >= ARTICULATION_KINDS[kind].pulled_m
+        elif pulled_m is not None:
+            ended = ended and pulled_m <= CLOSED_M[kind]
         done: Opening = "open" if verb == "open" else "closed"
         self.openings[stage.articulation] = done if ended else "ajar"
 

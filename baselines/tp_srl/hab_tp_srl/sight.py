@@ -11,12 +11,13 @@ where it was.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from hab_spa.sensing.cloud import DepthView, world_from_base
-from hab_spa.sensing.fridge_fit import Images, find_fridge
+from hab_spa.sensing.fridge_fit import Found, Images, find_fridge, seen_joint
+from hab_spa.sensing.known_fridge import MOST_RAD
 from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.shapes import Array, invert_pose
 from numpy.typing import NDArray
@@ -216,9 +217,9 @@ def is_other(before: Look, after: Look, here_m: Array, aside_m: float | None) ->
 FRONT_M = 0.4
 """The front is what was seen so near to the hand when it grasped the handle."""
 
-SAME_M = 0.045
-"""A front seen so near to where it was is closed: a drawer may stand 5 cm out, and the fridge's
-handle 9 cm."""
+SAME_M, SAME_DOOR_M = 0.055, 0.1
+"""A drawer's front, and a fridge's, seen so near to where it was, along the camera's axis, is
+closed: a drawer may stand 5 cm out, and the fridge's handle 9 cm."""
 
 LEAST_SEEN, LEAST_VIEW = 20, 0.3
 """A front needs so many points, and such a share of them in view."""
@@ -269,8 +270,8 @@ class Fronts:
         return points_m if len(points_m) >= LEAST_SEEN else np.zeros((0, 3))
 
 
-def is_there(look: Look, front_m: Array) -> bool | None:
-    """Returns whether a front (P, 3), in the base frame, is seen in a look.
+def is_there(look: Look, front_m: Array, *, hinged: bool = False) -> bool | None:
+    """Returns whether a front (P, 3), in the base frame, is seen in a look; `hinged`: a fridge's.
 
     Returns:
         None if too little of it is in view.
@@ -278,16 +279,26 @@ def is_there(look: Look, front_m: Array) -> bool | None:
     _, gaps_m = look.behind_m(front_m)
     if len(gaps_m) < max(LEAST_SEEN, LEAST_VIEW * len(front_m)):
         return None
-    return bool((np.abs(gaps_m) > SAME_M).mean() <= MOST_CHANGED)
+    same_m = SAME_DOOR_M if hinged else SAME_M
+    return bool((np.abs(gaps_m) > same_m).mean() <= MOST_CHANGED)
 
 
-def fridge_stands_open(look: Look, inside_m: Array) -> bool:
-    """Whether the fridge around a place (3,), in the base frame, is seen with its door open."""
+def find_door(look: Look, inside_m: Array, known: Found | None) -> Found | None:
+    """Returns the fridge around a place (3,), in the base frame, with its door as it is seen.
+
+    Args:
+        look: The look.
+        inside_m: The place.
+        known: The fridge as it was seen best so far. It stays unless it is seen better.
+    """
     world_from_base = invert_pose(look.base_from_world)
     place_m = world_from_base[:3, :3] @ inside_m + world_from_base[:3, 3]
     images = Images.of([look.view], [look.own])
     found = find_fridge(images, place_m, world_from_base[:2, 3], opened=True)
-    return found is not None and bool(found.pose[3] > AJAR_RAD)
+    if known is None or (found is not None and found.score > known.score):
+        return found
+    joint = seen_joint(images, known, around_rad=MOST_RAD)
+    return known if joint is None else replace(known, pose=np.append(known.pose[:3], joint))
 
 
 def seen_through(look: Look, front_m: Array) -> NDArray[np.bool_]:

@@ -22,7 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
-from hab_tp_srl.sight import Fronts, Look, fridge_stands_open, is_other, is_there, seen_through
+from hab_tp_srl.sight import AJAR_RAD, Fronts, Look, find_door, is_other, is_there, seen_through
 
 NEARER_M = 0.015
 """The middle of an object is so much farther than that of what is seen of it, on average."""
@@ -75,10 +75,10 @@ class TaskView:
         """Starts a new episode."""
         self._starts_m: Array | None = None
         self.felt = FeltBeliefs(np.zeros((0, 3)), np.zeros((0, 3)), self._openings)
-        self._fronts = Fronts()
+        self._fronts, self._fridge = Fronts(), None
         self._pulled_m: dict[int, Array] = {}
         self._moving: int | None = None
-        self._left = True
+        self._left, self._pulls = True, False
         self._hand_m: Array | None = None
         self._reached_m: Array | None = None
         self._held_in_ee_m, self._slid = np.zeros(3), False
@@ -103,6 +103,7 @@ class TaskView:
     def begin(self, stage: Stage) -> None:
         """Notes that a skill begins: where an object was shows where it is in the hand."""
         self._moving, self._hand_m, self._left = stage.articulation, None, not self.holding
+        self._pulls = False
         self._reached_m = self.point(stage) if stage.skill == "pick" else None
         if stage.skill == "pick":
             self._slid = stage.drawer is not None
@@ -111,7 +112,8 @@ class TaskView:
     def end(self, stage: Stage, ended: bool) -> None:
         """Notes that a skill has ended, by its own condition or not."""
         pulled_m = None
-        if stage.articulation in self._pulled_m:
+        if self._pulls:
+            assert stage.articulation is not None
             pulled_m = float(np.linalg.norm(self._pulled_m[stage.articulation]))
         self.felt.end(stage, ended, pulled_m)
 
@@ -177,10 +179,13 @@ class TaskView:
         One that is not in view is taken for open: it may be, and the way to close it leads there.
         """
         front_m, inside_m = self._fronts.of(number), self._in_base(self.point(stage))
-        closed = stage.skill != "close_fridge" or not fridge_stands_open(look, inside_m)
+        closed, hinged = True, stage.skill == "close_fridge"
+        if hinged:
+            self._fridge = find_door(look, inside_m, self._fridge)
+            closed = self._fridge is None or self._fridge.pose[3] <= AJAR_RAD
         if closed and not len(front_m):  # what was felt counts
             return self.felt.openings[number] == "closed"
-        closed = closed and is_there(look, self._in_base(front_m))
+        closed = closed and is_there(look, self._in_base(front_m), hinged=hinged)
         self.felt.openings[number] = "closed" if closed else "ajar"
         return bool(closed)
 
@@ -334,6 +339,7 @@ class TaskView:
         hand_m = self._to_frame(self._felt("ee_position").astype(float))
         if self._hand_m is not None:
             self._fronts.touch(self._moving, self._hand_m)
+            self._pulls = True
             so_far_m = self._pulled_m.get(self._moving, np.zeros(3))
             self._pulled_m[self._moving] = so_far_m + hand_m - self._hand_m
         self._hand_m = hand_m

@@ -157,7 +157,9 @@ def drawer_seen(robot: Robot, number: int, skill: Callable[..., Motion]) -> Moti
         if not scene.find(opened):
             return Failure.TARGET_PLAN
     # The line ends beyond the stop: how far a drawer stands out is known to a few centimetres.
-    config = DrawerConfig(rounds=8, open_share=1.16 if opened else 1.05, spare_m=0.01)
+    config = DrawerConfig(
+        rounds=8, open_share=1.16 if opened else 1.05, spare_m=0.03 if opened else 0.01
+    )
     return (yield from _with_retries(robot, lambda r, n: skill(r, n, config), number, risk=1))
 
 

@@ -34,6 +34,8 @@ class DrawerFitConfig:
         out_m: ... and of the front of an open drawer.
         within_m: A plane is looked for so far to the sides of the place.
         beside_m: Most lateral distance of the handle from the place.
+        above_m: The front of what is above an open drawer is the counter's from so high above the
+            place on.
         handle_m: Distance of the handle from the plane: a bar stands out by 45 mm, a front without
             one is set back by 15 mm.
         cell_m: Side of the cells of a plane.
@@ -41,7 +43,7 @@ class DrawerFitConfig:
         end_m: Distance of the handle from the end of the counter, on the left seen from inside.
         thick_m: Thickness of what counts as the front of an open drawer, ...
         least_points: ... which has at least so many points.
-        joints_m: Openings that an open drawer may have.
+        joints_m: Openings that an open drawer may seem to have.
         opened_m: The opening, if the counter's plane is not seen.
     """
 
@@ -54,13 +56,14 @@ class DrawerFitConfig:
     out_m: tuple[float, float] = (0.1, 0.58)
     within_m: float = 0.7
     beside_m: float = 0.35
+    above_m: float = 0.14
     handle_m: float = 0.02
     cell_m: float = 0.02
     full: float = 0.3
     end_m: float = 0.465
     thick_m: float = 0.05
     least_points: int = 8
-    joints_m: tuple[float, float] = (0.36, 0.5)
+    joints_m: tuple[float, float] = (-0.04, 0.56)
     opened_m: float = 0.45
 
 
@@ -125,6 +128,7 @@ def find_drawer(
         joint = front_m - handle_m
         if not config.joints_m[0] <= joint <= config.joints_m[1]:
             joint = config.opened_m
+        joint = min(max(joint, 0.0), TRAVEL_M)
         handle_m = front_m - joint
     else:
         end_m = _end_m(out_m - plane_m, along_m, points_m[:, 2], config)
@@ -140,7 +144,7 @@ def _plane(
 ) -> tuple[float, float] | None:
     """Returns the vertical plane with most surfaces: yaw of its normal, distance from the place."""
     before_m = (0.1 - config.out_m[1], config.before_m[1]) if opened else config.before_m
-    high = points_m[:, 2] > inside_m[2] - 0.1
+    high = points_m[:, 2] > inside_m[2] + (config.above_m if opened else -0.1)
     points_m = points_m[high & (points_m[:, 2] < config.heights_m[1])]
     if len(points_m) < config.least_points:
         return None

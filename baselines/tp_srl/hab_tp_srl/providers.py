@@ -217,6 +217,8 @@ class LearnedSkill:
         before = view.look(robot.spec)
         if stage.skill == "place":
             view.see_held(before)
+        elif view.see_fallen(before, stage.object, point_m):
+            return Failure.EXECUTION  # the next attempt is there
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)

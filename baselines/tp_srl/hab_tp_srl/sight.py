@@ -55,6 +55,13 @@ HELD_M, OTHER_HELD_M = 0.03, 0.07
 """The target is seen in the hand so near to where it was when the hand closed, another object so
 far from there."""
 
+EMPTY_M, PAST_M = 0.06, 0.03
+"""A place is empty if one sees nothing so near to it, and so far past it."""
+
+FALLEN_M, FELL_M, ALONE_M = (0.012, 0.25), 1.2, 0.12
+"""What has fallen from a place lies so high above the floor, so near to it, and nothing higher is
+seen so near to its middle."""
+
 OWN_M, OWN_PX = 0.04, 2
 """Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
 edges a pixel may show either."""
@@ -144,6 +151,27 @@ class Look:
         _, behind_m = after.behind_m(self.moved_to(after, self.points_m[around & ~self.own]))
         same = np.abs(behind_m) < CHANGED_M
         return len(same) >= LEAST and bool(same.mean() > SAME)
+
+    def misses(self, here_m: Array) -> bool:
+        """Whether nothing is seen at a point (3,), past which one sees."""
+        near = np.linalg.norm(self.points_m - here_m, axis=-1) < EMPTY_M
+        _, behind_m = self.behind_m(here_m[None])
+        seen_past = len(behind_m) and behind_m[0] > PAST_M
+        return bool(seen_past) and (near & ~self.own).sum() < LEAST
+
+    def fallen_m(self, from_m: Array) -> Array | None:
+        """Returns the middle (3,) of the small thing on the floor nearest to (3,); None without."""
+        heights_m = self.points_m[..., 2]
+        aside_m = np.linalg.norm(self.points_m[..., :2] - from_m[:2], axis=-1)
+        low_m, high_m = FALLEN_M
+        low = (heights_m > low_m) & (heights_m < high_m) & (aside_m < FELL_M) & ~self.own
+        above_m = self.points_m[(heights_m > high_m) & (aside_m < FELL_M) & ~self.own][:, :2]
+        middles_m = []
+        for cloud_m in self._clouds(low):
+            gaps_m = np.linalg.norm(above_m - middle_m(cloud_m)[:2], axis=1)
+            if np.ptp(cloud_m, axis=0).max() < high_m and gaps_m.min(initial=np.inf) > ALONE_M:
+                middles_m.append(middle_m(cloud_m))
+        return min(middles_m, key=lambda one_m: np.linalg.norm(one_m - from_m), default=None)
 
     def held_m(self, ee_m: Array, before: Look | None = None) -> Array | None:
         """Returns the middle (3,) of what is seen in the hand at (3,); None if nothing is.

@@ -22,6 +22,7 @@ from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
+from hab_tp_srl.in_hand import InHand
 from hab_tp_srl.sight import AJAR_RAD, Fronts, Look, find_door, is_other, is_there, seen_through
 
 NEARER_M = 0.015
@@ -80,10 +81,7 @@ class TaskView:
         self._moving: int | None = None
         self._left, self._pulls = True, False
         self._hand_m: Array | None = None
-        self._reached_m: Array | None = None
-        self._held_in_ee_m, self._slid = np.zeros(3), False
-        self._taken_m, self._frame_from_ee = np.zeros(3), np.eye(3)
-        self._other_in_ee_m = np.zeros(3)
+        self._in_hand = InHand()
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes the observation of a row, at every step; it is read when it is needed."""
@@ -95,18 +93,17 @@ class TaskView:
             self._handles_m = self._handles()
             self.felt = FeltBeliefs(self._starts_m, self._goals_m, self._openings)
         self._pull()
-        self._take()
+        if self.holding and self._in_hand.reaches:
+            self._in_hand.close(self._hand_now_m, self._frame_from_ee)
         if self.feels and self.holding != self.felt.holding:
-            hand_m = self._to_frame(self._felt("ee_position").astype(float))
-            self.felt.feel(self.holding, hand_m)
+            self.felt.feel(self.holding, self._hand_now_m)
 
     def begin(self, stage: Stage) -> None:
         """Notes that a skill begins: where an object was shows where it is in the hand."""
         self._moving, self._hand_m, self._left = stage.articulation, None, not self.holding
         self._pulls = False
-        self._reached_m = self.point(stage) if stage.skill == "pick" else None
-        if stage.skill == "pick":
-            self._slid = stage.drawer is not None
+        reached_m = self.point(stage) if stage.skill == "pick" else None
+        self._in_hand.reach(reached_m, stage.drawer is not None)
         self.felt.begin(stage)
 
     def end(self, stage: Stage, ended: bool) -> None:
@@ -123,11 +120,10 @@ class TaskView:
 
     def see_held(self, look: Look) -> None:
         """Notes where an object from a drawer is in the hand: it may have slid in there."""
-        in_ee_m = self._seen_in_ee_m(look) if self._slid else None
+        in_ee_m = self._seen_in_ee_m(look) if self._in_hand.slides else None
         if in_ee_m is not None:
-            self._held_in_ee_m = in_ee_m
-            ends_m = np.stack((np.zeros(3), self._ee_axes.T @ in_ee_m))
-            self.felt.hold(np.diff(self._to_frame(ends_m), axis=0)[0])
+            self._in_hand.in_ee_m = in_ee_m
+            self.felt.hold(self._frame_from_ee @ in_ee_m)
 
     def see_placed(self, robot: RobotSpec, number: int, before: Look) -> Array | None:
         """Notes where an object has come to lie since a look; that may be beside its goal.
@@ -141,6 +137,15 @@ class TaskView:
         self.felt.places_m[number] = self._to_frame(_outward(found_m))
         return found_m
 
+    def see_fallen(self, look: Look, number: int, point_m: Array) -> bool:
+        """Whether an object is not seen at (3,) but something on the floor, which it then is."""
+        here_m = self._in_base(point_m)
+        found_m = look.fallen_m(here_m) if look.misses(here_m) else None
+        if found_m is not None:
+            self.felt.places_m[number] = self._to_frame(_outward(found_m))
+            self.felt.moved[number] = True
+        return found_m is not None
+
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
         """Whether the hand has taken something else since a look than what was at a point (3,).
 
@@ -153,15 +158,16 @@ class TaskView:
         after, aside_m = self.look(robot), None
         in_ee_m = self._seen_in_ee_m(after, before)
         if in_ee_m is not None:
-            self._other_in_ee_m = in_ee_m
-            aside_m = float(np.linalg.norm(in_ee_m - self._held_in_ee_m))
-        return is_other(before, after, self._in_base(point_m), aside_m)
+            aside_m = float(np.linalg.norm(in_ee_m - self._in_hand.in_ee_m))
+        other = is_other(before, after, self._in_base(point_m), aside_m)
+        if other and in_ee_m is not None:
+            self._in_hand.in_ee_m = in_ee_m
+        return other
 
     def take_for_other(self) -> Array:
         """Notes that what is held is not what was to be picked; returns where it was (3,)."""
         self.felt.take_for_other()
-        self._held_in_ee_m = self._other_in_ee_m
-        return self._taken_m + self._frame_from_ee @ self._held_in_ee_m
+        return self._in_hand.place_m()
 
     def see_front(self, look: Look, number: int) -> None:
         """Notes what is seen before a door or drawer is first opened."""
@@ -237,11 +243,7 @@ class TaskView:
         return self.felt.places_m[into] - self._goals_m[into]
 
     def moved_m(self, articulation: int) -> float | None:
-        """Returns how far a handle is from its place at the start of the episode.
-
-        Returns:
-            None if handles are not observed.
-        """
+        """Returns how far a handle is from its place at the start; None if it is not observed."""
         now, first = self._handles(), self._handles_m
         if now is None or first is None:
             return None
@@ -258,7 +260,7 @@ class TaskView:
         ee_m, axes = self._felt("ee_position"), self._ee_axes
         point = self._in_base(point_m)
         if self._aims_object and aims and stage.skill == "place":
-            point = point - axes.T @ self._held_in_ee_m
+            point = point - axes.T @ self._in_hand.in_ee_m
         agent = self._obs["agent"]
         found: Entries = {
             ("agent", name): _row(values, self._row) for name, values in agent.items()
@@ -299,22 +301,22 @@ class TaskView:
         return _row(self._obs["extra"][name], self._row)
 
     @property
+    def _hand_now_m(self) -> Array:
+        """The end-effector (3,) in the resting frame."""
+        return self._to_frame(self._felt("ee_position").astype(float))
+
+    @property
+    def _frame_from_ee(self) -> Array:
+        """Rotation (3, 3) of the end-effector in the resting frame."""
+        turned = np.eye(3)
+        turned[:2, :2] = _turn(self._base[2])
+        return turned @ self._ee_axes.T
+
+    @property
     def _ee_axes(self) -> Array:
         """Axes of the end-effector in the base frame, as rows (3, 3)."""
         rotation = self._felt("ee_rotation").reshape(2, 3)
         return np.concatenate((rotation, np.cross(rotation[0], rotation[1])[None]))
-
-    def _take(self) -> None:
-        """Notes where an object is in the hand when a pick grasps it."""
-        if self._reached_m is None or not self.holding:
-            return
-        hand_m = self._felt("ee_position").astype(float)
-        gap_m = self._in_base(self._reached_m) - hand_m
-        self._held_in_ee_m, self._reached_m = self._ee_axes @ gap_m, None
-        self._other_in_ee_m = self._held_in_ee_m
-        self._taken_m = self._to_frame(hand_m)
-        ends_m = self._to_frame(hand_m + self._ee_axes) - self._taken_m
-        self._frame_from_ee = ends_m.T
 
     def _seen_in_ee_m(self, look: Look, before: Look | None = None) -> Array | None:
         """Returns where (3,) an object is seen in the hand; None if none is."""
@@ -336,7 +338,7 @@ class TaskView:
         if self._moving is None or not self.holding or not self._left:
             self._hand_m = None
             return
-        hand_m = self._to_frame(self._felt("ee_position").astype(float))
+        hand_m = self._hand_now_m
         if self._hand_m is not None:
             self._fronts.touch(self._moving, self._hand_m)
             self._pulls = True

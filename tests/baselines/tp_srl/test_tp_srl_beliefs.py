@@ -1,6 +1,7 @@
 """What TP+SRL believes without ground truth, and where it goes before a skill."""
 
 import math
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -135,8 +136,35 @@ def test_another_object_is_told_from_the_target_by_where_it_is_gone(gone, stays,
     # What is seen aside in the hand is another object, unless the target's place is empty.
     empty = any((row, column) == (45, 45) for row, column, _ in gone)
     for held_m, other in (((0.045, 0.0, -0.15), False), ((0.045, 0.08, -0.15), not empty)):
-        view._held_in_ee_m = np.array(held_m)
+        view._in_hand.in_ee_m = np.array(held_m)
         assert view.took_other(FETCH, before, np.array((0.0, 0.01, -0.9))) is other
+
+
+@pytest.mark.parametrize(
+    ("things", "fallen"),
+    [
+        ([(50, 50, 5, 1.0)], (0.025, -0.025, 0.1)),  # 5 cm high on the floor, 1.05 m below
+        ([(50, 50, 5, 1.0), (60, 20, 30, 1.0)], (0.025, -0.025, 0.1)),  # beside a long step
+        ([(50, 50, 5, 1.0), (50, 56, 5, 0.5)], None),  # at the foot of something higher
+        ([(5, 45, 10, 0.4), (50, 50, 5, 1.0)], None),  # something stands where it was
+        ([], None),
+    ],
+)
+def test_an_object_that_is_not_where_it_was_is_the_small_thing_on_the_floor(things, fallen):
+    """Pixels are 1 cm apart on the floor, 1.05 m below the camera; the place is 0.65 m above it."""
+    depth_m = np.full((100, 100), 1.05)
+    for row, column, size, far_m in things:
+        depth_m[row : row + size, column : column + size] = far_m
+    seen = look(depth_m)
+    # The base frame is on the floor.
+    seen = replace(seen, points_m=seen.points_m + (0.0, 0.0, 1.05))
+    seen.base_from_world[2, 3] = 1.05
+    here_m = np.array((0.0, 0.16, 0.65))
+    found_m = seen.fallen_m(here_m) if seen.misses(here_m) else None
+    if fallen is None:
+        assert found_m is None
+    else:
+        np.testing.assert_allclose(found_m, fallen, atol=0.06)
 
 
 @pytest.mark.parametrize(

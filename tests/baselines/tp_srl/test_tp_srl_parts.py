@@ -214,7 +214,7 @@ def seen(base, starts, hand_m=(0.5, 0.0, 1.0), holding=False):
 
 def test_without_handles_the_hand_that_pulls_shows_how_far_a_drawer_moved():
     starts = np.array([[2.0, 1.0, 0.6], [-1.5, 0.4, 0.8]])
-    pull = SimpleNamespace(skill="open_drawer", articulation=0)
+    pull = SimpleNamespace(skill="open_drawer", articulation=0, drawer=None)
     pick = SimpleNamespace(skill="pick", at="start", object=0, drawer=0, articulation=None)
     view = TaskView(truth=False)
     view.see(seen((0.3, -0.2, 0.5), starts), 0)

@@ -157,7 +157,7 @@ def test_an_object_that_is_not_where_it_was_is_the_small_thing_on_the_floor(thin
         depth_m[row : row + size, column : column + size] = far_m
     seen = look(depth_m)
     # The base frame is on the floor.
-    seen = replace(seen, points_m=seen.points_m + (0.0, 0.0, 1.05))
+    seen = replace(seen, points_m=seen.points_m + np.array((0.0, 0.0, 1.05)))
     seen.base_from_world[2, 3] = 1.05
     here_m = np.array((0.0, 0.16, 0.65))
     found_m = seen.fallen_m(here_m) if seen.misses(here_m) else None

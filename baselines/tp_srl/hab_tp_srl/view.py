@@ -28,7 +28,7 @@ from hab_tp_srl.sight import AJAR_RAD, Fronts, Look, find_door, is_other, is_the
 NEARER_M = 0.015
 """The middle of an object is so much farther than that of what is seen of it, on average."""
 
-MOST_DOUBTS = 3
+MOST_DOUBTS = 4
 """After so many picks that look wrong, what is seen there is taken for something else."""
 
 Entries = dict[tuple[str, str], NDArray[Any]]

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_spa.scenes.seen_scene import LEAST_VOXELS
 from hab_spa.scenes.seen_shelves import SeenKnown
 from hab_spa.sensing.drawer_fit import HALF_WIDTH_M, TRAVEL_M, FoundDrawer, find_drawer
 from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, find_fridge, seen_joint
@@ -36,9 +37,6 @@ SWEPT_RAD = 0.15
 
 CELL_M, AROUND_M = 0.05, 2.5
 """Side of the cells of the floor map, and how far it goes."""
-
-LEAST_VOXELS = 4
-"""A cell with fewer occupied voxels is free."""
 
 REFIT_STEPS = 3
 """A door that the hand has let go is looked at in this interval."""
@@ -176,7 +174,6 @@ class SeenFridge(SeenFurniture):
         centres_m = centres_m[high & ~self._modeled(centres_m, SEEN_M)]
         cells = np.floor(centres_m[:, :2] / CELL_M)
         cells, counts = np.unique(cells, axis=0, return_counts=True)
-        # A few pixels at an edge of the robot are not always told from what is behind it.
         cells = cells[counts >= LEAST_VOXELS] * CELL_M
         squares = cells[:, None] + CELL_M * np.array(((0, 0), (1, 0), (1, 1), (0, 1)))
         joint = (joints or {}).get(0, float(self._fridge.pose[3]))

@@ -34,6 +34,10 @@ from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import LOWEST_M
 
 CAMERAS = ("head", "arm")
+LEAST_VOXELS = 4
+"""Fewer voxels are in no base's way: a pixel at the robot's edge is not always told from what is
+behind it."""
+
 HELD_HALF_M = 0.03
 """Maximum half size of the held object at the highest risk level."""
 
@@ -253,7 +257,8 @@ class SeenScene:
         there = standing(bases, float(self.world_from_base[2, 3]))
         margin_m = self.config.touch_margin_m
         poses = [self._own.poses(pose, self.arm_qpos) for pose in there]
-        return any(self._own.contain(new_m, pose, margin_m).any() for pose in poses)
+        hits = (self._own.contain(new_m, pose, margin_m).sum() for pose in poses)
+        return any(count >= LEAST_VOXELS for count in hits)
 
     def _new_m(self, without: str | None) -> Array:
         """Looks every `watch_steps`, and returns the voxels (V, 3) seen since the last plan."""

@@ -8,6 +8,8 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.seen_config import SeenConfig
 from hab_spa.scenes.seen_scene import SeenScene
+from hab_spa.scenes.seen_shelves import are_parted
+from hab_spa.sensing.known_fridge import bodies
 
 from hab_tasks.robots.cameras import camera_pose
 from hab_tasks.robots.fetch import FETCH
@@ -69,6 +71,16 @@ def test_a_robot_that_drives_sees_what_it_would_drive_into(scene):
     scene.see(seen, 0)
     assert scene.drives_into(ahead)
     assert not scene.drives_into(ahead[:1])  # here it stands free
+
+
+def test_nothing_is_grasped_through_a_shelf():
+    # A bowl at 1.27 m stands on the shelf at 1.24 m, 0.3 m behind the front.
+    bowl_m, hands_m = (
+        np.array((-0.3, 0.35, 1.27)),
+        np.array(((-0.25, 0.35, 1.35), (-0.3, 0.35, 1.16))),
+    )
+    body, _ = bodies(1)
+    assert are_parted(hands_m, bowl_m, body, np.eye(4)).tolist() == [False, True]
 
 
 def test_what_lies_in_a_drawer_is_believed_to_move_with_it(make_scene, drawer_at):

@@ -74,7 +74,7 @@ class SeenShelves(SeenKnown):
         """Returns the points (P, 3) at which the hand can grasp an object, on its side of walls."""
         points_m = super().grasp_points_m(number, around=around)
         for body, frame in self._bodies():
-            points_m = points_m[~_parted(points_m, self.object_m(number), body, frame)]
+            points_m = points_m[~are_parted(points_m, self.object_m(number), body, frame)]
         return points_m
 
     def _bodies(self) -> list[tuple[CollisionBody, Array]]:
@@ -85,7 +85,7 @@ class SeenShelves(SeenKnown):
         return [(body, poses_of(self._around.pose, self._around.side)[BODY_NAME])]
 
 
-def _parted(points_m: Array, object_m: Array, body: CollisionBody, frame: Array) -> Bools:
+def are_parted(points_m: Array, object_m: Array, body: CollisionBody, frame: Array) -> Bools:
     """Whether the boxes of a body at (4, 4) are between points (P, 3) and an object at (3,)."""
     shares = np.linspace(0.0, 1.0, ON_LINE)[:, None, None]
     lines_m = points_m + shares * (object_m - points_m)

@@ -257,8 +257,8 @@ MOST_CHANGED = 0.3
 0.05 at most, and others 0.67 at least."""
 
 
-AJAR_RAD = 0.3
-"""A fridge that is found with a smaller opening may as well be closed."""
+AJAR_RAD = 0.2
+"""A fridge that is seen with a smaller opening may be closed, which it is up to 0.15 rad."""
 
 
 class Fronts:

@@ -189,9 +189,11 @@ class TaskView:
         if hinged:
             self._fridge = find_door(look, inside_m, self._fridge)
             closed = self._fridge is None or self._fridge.pose[3] <= AJAR_RAD
-        if closed and not len(front_m):  # what was felt counts
-            return self.felt.openings[number] == "closed"
-        closed = closed and is_there(look, self._in_base(front_m), hinged=hinged)
+        if closed and len(front_m):
+            closed = is_there(look, self._in_base(front_m), hinged=hinged)
+        elif closed and (self._fridge is None or not hinged):  # what was felt counts
+            felt = self._pulls or not hinged
+            closed = felt and self.felt.openings[number] == "closed"
         self.felt.openings[number] = "closed" if closed else "ajar"
         return bool(closed)
 

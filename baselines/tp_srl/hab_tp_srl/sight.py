@@ -58,7 +58,7 @@ far from there."""
 EMPTY_M, PAST_M = 0.06, 0.03
 """A place is empty if one sees nothing so near to it, and so far past it."""
 
-FALLEN_M, FELL_M, ALONE_M = (0.012, 0.25), 1.2, 0.12
+FALLEN_M, FELL_M, ALONE_M = (0.012, 0.25), 0.8, 0.12
 """What has fallen from a place lies so high above the floor, so near to it, and nothing higher is
 seen so near to its middle."""
 

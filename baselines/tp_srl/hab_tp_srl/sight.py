@@ -224,12 +224,12 @@ def is_other(before: Look, after: Look, here_m: Array, aside_m: float | None) ->
         aside_m: Distance of what is seen in the hand from where the target would be; None if
             nothing is.
     """
+    if aside_m is not None and aside_m < HELD_M:
+        return False
     # What has gone is what was nearer before.
     gone = [before.moved_to(after, one_m) for one_m in before.appeared(after, here_m)]
     gaps_m = [float(np.linalg.norm(middle_m(cloud_m) - here_m)) for cloud_m in gone]
     nearest_m = min(gaps_m, default=np.inf)
-    if aside_m is not None and aside_m < HELD_M:
-        return False
     # Of a tall object only one end may be seen in the hand.
     if aside_m is not None and aside_m > OTHER_HELD_M:
         return nearest_m > SURELY_GONE_M

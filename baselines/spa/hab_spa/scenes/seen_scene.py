@@ -34,6 +34,7 @@ from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import LOWEST_M
 
 CAMERAS = ("head", "arm")
+
 LEAST_VOXELS = 4
 """Fewer voxels are in no base's way: a pixel at the robot's edge is not always told from what is
 behind it."""

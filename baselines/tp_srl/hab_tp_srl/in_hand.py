@@ -13,12 +13,13 @@ class InHand:
 
     Attributes:
         in_ee_m: (3,) the object in the end-effector's frame.
+        up_in_ee: (3,) the direction in that frame that was up when the hand closed.
         slides: Whether it may slide in the hand, as what is taken out of a drawer.
     """
 
     def __init__(self) -> None:
         """Holds nothing yet."""
-        self.in_ee_m, self.slides = np.zeros(3), False
+        self.in_ee_m, self.up_in_ee, self.slides = np.zeros(3), np.eye(3)[2], False
         self._reached_m: Array | None = None
         self._taken_m, self._frame_from_ee = np.zeros(3), np.eye(3)
 
@@ -37,6 +38,7 @@ class InHand:
         """Notes that the hand that reached holds something, at (3,) and turned by (3, 3)."""
         assert self._reached_m is not None
         self.in_ee_m = frame_from_ee.T @ (self._reached_m - hand_m)
+        self.up_in_ee = frame_from_ee[2]
         self._reached_m, self._taken_m, self._frame_from_ee = None, hand_m, frame_from_ee
 
     def place_m(self) -> Array:

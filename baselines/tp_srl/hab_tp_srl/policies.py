@@ -16,6 +16,7 @@ from hab_navigator.belief import Reach
 from hab_ppo.actions import RowNoise
 from hab_ppo.agent import load_policy
 from hab_ppo.checkpoint import PolicyFileError
+from hab_spa.sensing.fitted_box import HELD_UP
 from numpy.typing import NDArray
 
 from hab_tasks.agent import Agent, AgentSetup, of_rows
@@ -273,7 +274,8 @@ class AgentPolicy:
             skill: Name of the skill in tasks.
             reference: ``module:factory``.
             options: Options of the agent.
-            finds_held: Whether it finds by itself where an object is in the hand.
+            finds_held: Whether it finds by itself where an object is in the hand. Then it also
+                observes `HELD_UP`, which its own environment does not have.
 
         Raises:
             HabError: The agent cannot be loaded, or it cannot act in a task.
@@ -281,6 +283,7 @@ class AgentPolicy:
         named = {ENVS[env_id].env.name: env_id for env_id in SKILLS} | TASK_SKILLS
         inner = replace(setup, env_id=named[skill], options=dict(options))
         self._make, self.finds_held = partial(load_agent, reference, inner), finds_held
+        self._more_entries = (("extra", HELD_UP),) if finds_held else ()
         self._agents: list[Agent] = [self._make()]
         spec = self._agents[0].spec
         self.name, self.obs_mode, self.files = spec.name, spec.obs_mode, spec.files
@@ -314,7 +317,7 @@ class AgentPolicy:
                 agent.reset(torch.ones(1, dtype=torch.bool), [int(turn.random.integers(2**31))])
             turn.age += 1
             seen: dict[str, Any] = {"agent": {}, "extra": {}}
-            for group, name in self._entries:
+            for group, name in (*self._entries, *self._more_entries):
                 seen[group][name] = torch.from_numpy(turn.entries[group, name])[None]
             if self.sees_images:
                 images = of_rows(obs, [row])

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from hab_plans.belief import Opening
 from hab_plans.stage import Stage
+from hab_spa.sensing.fitted_box import HELD_UP
 from hab_spa.shapes import Array
 from numpy.typing import NDArray
 
@@ -259,8 +260,7 @@ class TaskView:
             point_m: (3,) its `point` when it began.
             aims: Whether Place may observe its goal from the held object.
         """
-        ee_m, axes = self._felt("ee_position"), self._ee_axes
-        point = self._in_base(point_m)
+        ee_m, axes, point = self._felt("ee_position"), self._ee_axes, self._in_base(point_m)
         if self._aims_object and aims and stage.skill == "place":
             point = point - axes.T @ self._in_hand.in_ee_m
         agent = self._obs["agent"]
@@ -269,6 +269,7 @@ class TaskView:
         }
         found["extra", "point_in_base"] = point
         found["extra", "point_in_ee"] = axes @ (point - ee_m)
+        found["extra", HELD_UP] = self._in_hand.up_in_ee
         for name in ("object_start", "object_goal"):
             found["extra", f"{name}_from_ee"] = point - ee_m
             found["extra", f"{name}_in_ee"] = axes @ (point - ee_m)

@@ -104,6 +104,7 @@ def pick_seen(robot: Robot, number: int) -> Motion:
 def place_seen(robot: Robot, number: int) -> Motion:
     """Looks around, then places the held object at its goal, or beside it if that fails."""
     scene = _shelves(robot)
+    robot.held_up = scene.held_up
     yield from look_around(robot, scene, LookConfig())
     scene.look_into(scene.goal_m(number))
 

@@ -18,6 +18,7 @@ from hab_spa.scenes.true_scene import TrueScene, standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import (
     HELD,
+    HELD_UP,
     FittedBox,
     HeldBox,
     fit_box,
@@ -100,6 +101,12 @@ class SeenScene:
     def arm_qpos(self) -> Array:
         """Joint positions of the arm (J,) [rad]."""
         return self._arm_rad
+
+    @property
+    def held_up(self) -> Array | None:
+        """(3,) what was up before the grasp, in the end-effector frame; None if it is now."""
+        told = self._obs["extra"].get(HELD_UP)
+        return None if told is None else np.asarray(told[self._row], dtype=float)
 
     @property
     def world_from_base(self) -> Array:
@@ -197,7 +204,8 @@ class SeenScene:
             seen.append((view, world))
         if self.holding and self._hand is None:
             points_m = np.concatenate([view.points_m[world] for view, world in seen])
-            self._hand = HeldBox.find(points_m, self._world_from_ee(), self.config.box)
+            world_from_ee = self._world_from_ee()
+            self._hand = HeldBox.find(points_m, world_from_ee, self.config.box, self.held_up)
         for view, world in seen:
             points_m = view.points_m[world]
             world[world] = ~self._modeled(points_m, self.config.held_margin_m)

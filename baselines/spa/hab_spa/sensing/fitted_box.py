@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
+from scipy.spatial.transform import Rotation
 
 from hab_spa.sensing.voxels import first_in_voxels, voxel_keys
 from hab_spa.shapes import Array, invert_pose
@@ -245,6 +246,9 @@ def _least_box(points_m: Array, config: BoxConfig) -> tuple[Array, Array]:
 HELD = "held"
 """Name of the box's body."""
 
+HELD_UP = "held_up_in_ee"
+"""Entry of an observation, for agents of tasks: (3,) what was up before the object was grasped."""
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class HeldBox:
@@ -254,8 +258,12 @@ class HeldBox:
     half_size_m: Array
 
     @classmethod
-    def find(cls, points_m: Array, world_from_ee: Array, config: BoxConfig) -> HeldBox | None:
-        """Fits an upright box to an object held at the start; None if too little is seen of it.
+    def find(
+        cls, points_m: Array, world_from_ee: Array, config: BoxConfig, up: Array | None = None
+    ) -> HeldBox | None:
+        """Fits a box to an object held at the start; None if too little is seen of it.
+
+        It is upright, or stands along a direction `up` (3,) of the end-effector's frame.
 
         The fingers hide its middle, so that its parts on both sides of the hand are looked for
         among world points (K, 3). If it touches furniture, the points near the hand are its own.
@@ -274,7 +282,13 @@ class HeldBox:
         own_m = np.concatenate([np.zeros((0, 3)), *own])
         if len(own_m) < config.fewest:
             return None
-        world_from_box, half_size_m = _least_box(own_m, config)
+        # Turned so that the box is upright.
+        turned_from_world = np.eye(4)
+        if up is not None:
+            turn, _ = Rotation.align_vectors(np.eye(3)[2:], [world_from_ee[:3, :3] @ up])
+            turned_from_world[:3, :3] = turn.as_matrix()
+        turned_from_box, half_size_m = _least_box(own_m @ turned_from_world[:3, :3].T, config)
+        world_from_box = turned_from_world.T @ turned_from_box
         world_from_box[:3, 3] += world_from_ee[:3, 3]
         return cls(ee_from_box=invert_pose(world_from_ee) @ world_from_box, half_size_m=half_size_m)
 

@@ -22,7 +22,13 @@ Opening = Literal["open", "closed", "ajar"]
 
 
 class Scene(Protocol):
-    """Beliefs about the objects, doors and drawers of an episode, by number."""
+    """Beliefs about the objects, doors and drawers of an episode, by number.
+
+    Attributes:
+        place_error_m: How far off the place of an object may be.
+    """
+
+    place_error_m: float
 
     @property
     def holding(self) -> bool:
@@ -97,7 +103,8 @@ def known_opening(scene: Scene, number: int, kind: ArticulationKind) -> Opening:
 
 
 def _at_goal(scene: Scene, number: int) -> bool:
-    return bool(np.linalg.norm(scene.object_m(number) - scene.goal_m(number)) < PLACE_RADIUS_M)
+    gap_m = float(np.linalg.norm(scene.object_m(number) - scene.goal_m(number)))
+    return gap_m < PLACE_RADIUS_M - scene.place_error_m
 
 
 def observed(env: TaskEnv, row: int = 0) -> frozenset[Atom]:

@@ -43,7 +43,11 @@ class ObservedScene:
     Attributes:
         robot: The robot.
         view: What learned skills observe.
+        place_error_m: How far off the place of an object may be: what lies at the edge of its goal
+            is not taken for placed.
     """
+
+    place_error_m = 0.02
 
     def __init__(self, robot: RobotSpec, view: TaskView) -> None:
         self.robot, self.view = robot, view

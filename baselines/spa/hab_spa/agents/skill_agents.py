@@ -136,7 +136,13 @@ def _fridge_seen(
             return Failure.TARGET_PLAN
     # How far a door is open is known to a few hundredths of a radian.
     config = FridgeConfig(
-        slack_rad=0.05, open_to=1.95, opened=1.72, let_go=1.84, back_rad=0.15, plan_tries=1
+        slack_rad=0.05,
+        near_first=opened,
+        open_to=1.95,
+        opened=1.72,
+        let_go=1.84,
+        back_rad=0.15,
+        plan_tries=1,
     )
     failure = yield from _with_retries(
         robot, lambda r, n: skill(r, n, region, config), number, risk=1

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from hab_spa.scenes.seen_scene import LEAST_VOXELS
 from hab_spa.scenes.seen_shelves import SeenKnown
 from hab_spa.sensing.drawer_fit import HALF_WIDTH_M, TRAVEL_M, FoundDrawer, find_drawer
-from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, find_fridge, seen_joint
+from hab_spa.sensing.fridge_fit import LOWER_TOP_M, Found, Images, find_fridge, refined, seen_joint
 from hab_spa.sensing.known_fridge import (
     MOST_RAD,
     WIDTH_M,
@@ -40,6 +40,10 @@ CELL_M, AROUND_M = 0.05, 2.5
 
 REFIT_STEPS = 3
 """A door that the hand has let go is looked at in this interval."""
+
+ELSEWHERE, MOST_LOOKS = 0.2, 6
+"""So many looks at a door that nobody has moved count together, each from a head camera that has
+moved by so much [m], or turned by so much [rad], since the one before."""
 
 AS_FELT_RAD = np.array((-0.15, 0.5))
 """A door that was opened stands where the hand let it go, or has been pushed farther."""
@@ -118,6 +122,7 @@ class SeenFridge(SeenFurniture):
         self._taken: tuple[float, float] | None = None
         self._age, self._widest_rad = 0, 0.0
         self._felt_rad, self._opened = 0.0, False
+        self._looks: list[Images] = []
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Processes an observation; a held handle tells how far the door is open."""
@@ -126,6 +131,7 @@ class SeenFridge(SeenFurniture):
         if self._found is None or not self._was_holding:
             self._taken = None
             return
+        self._looks.clear()  # the door moves
         x, y, _, joint = hinges_of(self._found.pose[None], self._found.side)[0]
         at_rad = np.arctan2(*(self._world_from_ee()[:2, 3] - (x, y))[::-1])
         if self._taken is None:
@@ -138,7 +144,7 @@ class SeenFridge(SeenFurniture):
     def find(self, opened: bool) -> bool:
         """Looks for the fridge around the object; returns whether it is found, now or before."""
         self.look()
-        images, base_m = self._images(), self.world_from_base[:2, 3]
+        images, base_m = self._views(), self.world_from_base[:2, 3]
         # One that is to be opened may stand ajar after an attempt.
         tried = [find_fridge(images, self.object_m(0), base_m, one) for one in {opened, True}]
         found = max((one for one in tried if one), key=lambda one: one.score, default=None)
@@ -153,13 +159,13 @@ class SeenFridge(SeenFurniture):
         before = self._fridge
         self.find(self._opened)
         if self._fridge is before:
-            joint = seen_joint(self._images(), before, around_rad=MOST_RAD)
+            joint = seen_joint(self._views(), before, around_rad=MOST_RAD)
             self._open_by(before.pose[3] if joint is None else joint)
 
     def articulation(self, number: int) -> ArticulationState:
         """Returns the fridge's door."""
         if not self._was_holding and self._age >= REFIT_STEPS:
-            self._age, joint = 0, seen_joint(self._images(), self._fridge)
+            self._age, joint = 0, seen_joint(self._views(), self._fridge)
             if joint is not None and self._opened:
                 self._open_by(joint)
             elif joint is not None and self._widest_rad > 0.0:
@@ -190,6 +196,17 @@ class SeenFridge(SeenFurniture):
     def _fridge(self) -> Found:
         assert self._found is not None, "the fridge was not found"
         return self._found
+
+    def _views(self) -> Images:
+        """Returns the current images, and earlier ones from elsewhere since the door was moved."""
+        now = self._images()
+        seen = Images.joined([*self._looks, now])
+        moved = [np.abs(one.cameras[0] - now.cameras[0]).max() for one in self._looks[-1:]]
+        if min(moved, default=np.inf) > ELSEWHERE:
+            self._looks = [*self._looks, now][-MOST_LOOKS:]
+            if self._found is not None:
+                self._found = refined(seen, self._found, self.object_m(0), self._opened)
+        return seen
 
     def _open_by(self, joint: float) -> None:
         """Sets how far the door is believed to be open [rad]."""

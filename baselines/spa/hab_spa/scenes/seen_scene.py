@@ -58,6 +58,8 @@ class SeenScene:
     Doors, drawers and oracle navigation's floor are of the privileged group (S App. D is silent).
     """
 
+    place_error_m = 0.0
+
     def __init__(self, robot: RobotSpec, config: SeenConfig | None = None) -> None:
         """Creates the scene of one row."""
         self.robot, self.config, self._own = robot, config or SeenConfig(), own_shapes(robot)

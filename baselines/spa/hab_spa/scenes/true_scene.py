@@ -22,6 +22,8 @@ from hab_tasks.world.navigation import NavigationMap
 class TrueScene:
     """Scene from the observation's privileged group; see `hab_spa.scenes.scene.Scene`."""
 
+    place_error_m = 0.0
+
     def __init__(self, robot: RobotSpec, config: GraspConfig | None = None) -> None:
         """Creates the scene of one row."""
         self.robot, self._config = robot, config or GraspConfig()

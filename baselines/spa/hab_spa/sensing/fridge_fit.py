@@ -46,7 +46,7 @@ LOWER_TOP_M = 0.9
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Images:
-    """Depth images of one moment.
+    """Depth images, of one moment or of something that has not moved since.
 
     Attributes:
         depth_m: (V, H, W); NaN where they show the robot.
@@ -57,6 +57,15 @@ class Images:
     depth_m: Array
     cameras: Array
     points_m: Array
+
+    @classmethod
+    def joined(cls, images: Sequence[Images]) -> Images:
+        """Joins images of several moments."""
+        return cls(
+            depth_m=np.concatenate([one.depth_m for one in images]),
+            cameras=np.concatenate([one.cameras for one in images]),
+            points_m=np.concatenate([one.points_m for one in images]),
+        )
 
     @classmethod
     def of(cls, views: Sequence[DepthView], own: Sequence[NDArray[np.bool_]]) -> Images:
@@ -166,6 +175,14 @@ def find_fridge(
     best = max(judged, key=lambda one: one.score, default=None)
     least = config.least_score if opened else config.least_closed
     return best if best is not None and best.score >= least else None
+
+
+def refined(images: Images, found: Found, inside_m: Array, opened: bool) -> Found:
+    """Returns a found fridge as it fits more images best; see `find_fridge`."""
+    config, rng = FitConfig(), np.random.default_rng(0)
+    later = replace(config, rounds=config.rounds[2:])
+    moves = "all" if opened else "closed"
+    return _refined(images, found.pose, found.side, inside_m, later, rng, moves)
 
 
 def _with_door(

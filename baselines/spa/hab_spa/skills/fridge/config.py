@@ -14,7 +14,7 @@ from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.maneuver import ManeuverConfig
 from hab_tasks.privileged import ArticulationState
 
-NEAR_M = 0.09
+NEAR_M = 0.115
 """The hand grasps within 0.15 m, of which an error of the handle's position takes its share."""
 
 
@@ -60,6 +60,7 @@ class FridgeConfig:
         spare_steps: Time reserve when checking whether a pull fits the remaining time.
         as_is_tries: Base poses evaluated with the arm as it is after a pull, before it rests.
         slack_rad: A door counts as closed so far below the threshold, if it is only seen.
+        near_first: Whether grasp points near the handle are preferred, if it is only seen.
         plan: Parameters of the motion planner; more computing, as short paths matter, and larger
             margins, as a touched door moves.
         base_poses: Number of candidate base poses for navigation.
@@ -106,6 +107,7 @@ class FridgeConfig:
     spare_steps: float = 25.0
     as_is_tries: int = 8
     slack_rad: float = 0.0
+    near_first: bool = False
     plan: PlanConfig = field(
         default_factory=lambda: PlanConfig(
             margins_m=(0.04, 0.02, 0.01, 0.003), good_rad=1.2, improve_checks=8_000
@@ -117,8 +119,9 @@ class FridgeConfig:
     maneuver: ManeuverConfig = field(default_factory=ManeuverConfig)
 
     def nearer(self) -> FridgeConfig:
-        """Returns the parameters after a miss: only grasp points near the handle."""
-        near = tuple(point for point in self.grasps_m if np.hypot(*point) < NEAR_M)
+        """Returns the parameters with only those grasp points that are near the handle."""
+        points_m = (*self.grasps_m, *self.around_m)
+        near = tuple(point for point in points_m if np.hypot(*point) < NEAR_M)
         return replace(self, grasps_m=near, around_m=())
 
 

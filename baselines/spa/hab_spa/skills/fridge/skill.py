@@ -106,7 +106,8 @@ class _Fridge:
         self, robot: Robot, number: int, out: bool, region: Rectangle | None, config: FridgeConfig
     ) -> None:
         self._robot, self._number, self._out = robot, number, out
-        self._region, self._config, self._whole = region, config, config
+        self._region, self._whole = region, config
+        self._config = config.nearer() if config.near_first else config
         self._open_rad, self._reaches = FRIDGE_OPEN_RAD, False
 
     @property

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from hab_navigator.network import ASIDE_RAD, HEADINGS
-from hab_navigator.robot_map import CELL_M, HIGHEST_M, RobotMap, cells_of
+from hab_navigator.robot_map import CELL_M, RobotMap
 from hab_navigator.views import SIDE, middle_m
 from hab_tasks.privileged import Array
 
@@ -87,10 +87,6 @@ HAND_M = 0.12
 BLOCKED_SHARE = 0.1
 """Worth of a place from which something seen is in the hand's way, as a share."""
 
-OVER_M, OVER_SHARE = 0.15, 0.4
-"""Worth, as a share, of a pose in which what is up to so far below the resting hand would be next
-to it: the arm sweeps it off its table."""
-
 COVERED_RAD = 0.5
 """Both with the heading so near to its own."""
 
@@ -147,7 +143,7 @@ class GoalBelief:
             self._suits[:] = reach.includes(distances_m, bearings_rad)
         sides = np.round(np.arctan2(-gaps_m[..., 1], -gaps_m[..., 0]) / (2 * math.pi) * SIDES)
         self._sides, self._open = sides.astype(int) % SIDES, np.ones(SIDES)
-        self._left, self._clear = np.ones_like(self._shares), np.ones_like(self._shares)
+        self._left = np.ones_like(self._shares)
         self.found = self._shares
 
     def learn(self, shares: Array) -> None:
@@ -158,17 +154,6 @@ class GoalBelief:
         """Takes into account how much room the hand's way has from each side (SIDES,)."""
         room = np.clip(clearances_m / HAND_M, BLOCKED_SHARE, 1.0)
         self._open = ndimage.convolve1d(room, (0.25, 0.5, 0.25), mode="wrap")
-
-    def clear_hand(self, map_: RobotMap, rest_m: Array) -> None:
-        """Takes into account what has been seen where the resting hand (3,) would be."""
-        cosine, sine = np.cos(self.yaws_rad), np.sin(self.yaws_rad)
-        aside_m = np.stack(
-            (cosine * rest_m[0] - sine * rest_m[1], sine * rest_m[0] + cosine * rest_m[1]), axis=-1
-        )
-        high: Any = map_.tops > 255 * (rest_m[2] - OVER_M) / HIGHEST_M
-        cells = cells_of(self.places_m + aside_m)
-        touched = ndimage.binary_dilation(high, np.ones((3, 3)))[cells[..., 0], cells[..., 1]]
-        self._clear = np.where(touched, OVER_SHARE, 1.0)
 
     def exclude(self, pose: Array) -> None:
         """Excludes the goals that a stop in a pose (3,) would have found."""
@@ -186,7 +171,6 @@ class GoalBelief:
         self.found = (
             self._open[self._sides]
             * self._suits
-            * self._clear
             * ndimage.convolve(goals, _COVERED, mode="constant")
         )
 

@@ -100,7 +100,6 @@ class Navigator:
             reach: Where the skill that follows can start; None for any pose.
         """
         self._turn_rad = REPEAT * robot.base_step_rad
-        self._rest_m = np.array(robot.rest_position_m)
         self.map = RobotMap(robot, REPEAT) if map_ is None else map_
         self.map.forget_point()
         self.aim: Array | None = None
@@ -188,8 +187,6 @@ class Navigator:
             belief.learn(self._distribution(view))
             if self._near is not None:
                 belief.see(self._near.clearances_m())
-            if self._reach is not None:
-                belief.clear_hand(self.map, self._rest_m)
         before, self.aim = self.aim, self._best(belief, floor)
         if before is None or np.linalg.norm(self.aim[:2] - before[:2]) > SAME_M:
             self._age = 0

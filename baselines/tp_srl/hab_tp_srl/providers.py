@@ -217,11 +217,13 @@ class LearnedSkill:
         before = view.look(robot.spec)
         if stage.skill == "place":
             view.see_held(before)
-        elif view.see_fallen(before, stage.object, point_m):
+        elif view.see_moved(before, stage.object, point_m):
             return Failure.EXECUTION  # the next attempt is there
+        view.see_all(before)
         failure = yield from self._act(robot, stage, ending, point_m)
         if stage.skill == "place":
             yield from self._watch(robot, stage, before)
+            view.see_all(view.look(robot.spec))
         elif stage.drawer is None and view.holding:
             yield from reset_arm(robot)  # so that it hides what it hid before
             if view.took_other(robot.spec, before, point_m):

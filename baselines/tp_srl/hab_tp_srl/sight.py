@@ -152,12 +152,25 @@ class Look:
         same = np.abs(behind_m) < CHANGED_M
         return len(same) >= LEAST and bool(same.mean() > SAME)
 
+    def left_share(self, after: Look, near_m: Array) -> float:
+        """Returns past which share of what was seen around a point (3,) a later look sees.
+
+        The point is in the base frame of the later look. Of what is hardly in view, it is 0.
+        """
+        there_m = after.moved_to(self, near_m[None])
+        around = np.linalg.norm(self.points_m - there_m, axis=-1) < STANDS_M
+        _, behind_m = after.behind_m(self.moved_to(after, self.points_m[around & ~self.own]))
+        return float((behind_m > PAST_M).mean()) if len(behind_m) >= LEAST else 0.0
+
+    def shows(self, here_m: Array) -> bool:
+        """Whether something is seen at a point (3,)."""
+        near = np.linalg.norm(self.points_m - here_m, axis=-1) < EMPTY_M
+        return int((near & ~self.own).sum()) >= LEAST
+
     def misses(self, here_m: Array) -> bool:
         """Whether nothing is seen at a point (3,), past which one sees."""
-        near = np.linalg.norm(self.points_m - here_m, axis=-1) < EMPTY_M
         _, behind_m = self.behind_m(here_m[None])
-        seen_past = len(behind_m) and behind_m[0] > PAST_M
-        return bool(seen_past) and (near & ~self.own).sum() < LEAST
+        return len(behind_m) > 0 and bool(behind_m[0] > PAST_M) and not self.shows(here_m)
 
     def fallen_m(self, from_m: Array) -> Array | None:
         """Returns the middle (3,) of the small thing on the floor nearest to (3,); None without."""
@@ -212,6 +225,16 @@ class Look:
 def middle_m(cloud_m: Array) -> Array:
     """Returns the middle (3,) of the box around a cloud (P, 3)."""
     return (cloud_m.min(axis=0) + cloud_m.max(axis=0)) / 2
+
+
+NEARER_M = 0.015
+"""The middle of an object is so much farther than that of what is seen of it, on average."""
+
+
+def outward(seen_m: Array) -> Array:
+    """Returns the middle (3,) of an object from that of what is seen of it, in the base frame."""
+    away = seen_m[:2] / np.linalg.norm(seen_m[:2])
+    return np.append(seen_m[:2] + NEARER_M * away, seen_m[2])
 
 
 def is_other(before: Look, after: Look, here_m: Array, aside_m: float | None) -> bool:

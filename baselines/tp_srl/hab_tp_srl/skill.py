@@ -21,6 +21,9 @@ from hab_tp_srl.ending import Ending
 from hab_tp_srl.policies import Decider, Turn
 from hab_tp_srl.view import TaskView
 
+WATCH_STEPS = 20
+"""Interval in which a robot that navigates looks for objects: its arm may sweep one aside."""
+
 _kinematics = cache(ArmKinematics)
 
 
@@ -96,8 +99,10 @@ def learned_navigation(robot: Robot, stage: Stage, turn: Turn, view: TaskView) -
         robot.gripper = GRASP if robot.gripper == GRASP and view.holding else RELEASE
         return command_of(robot, policy, turn.action)
 
-    for _ in range(policy.horizon_steps):
+    for step in range(policy.horizon_steps):
         robot.doing = policy.name
+        if view.sees and step % WATCH_STEPS == 0:
+            view.see_all(view.look(robot.spec))
         turn.entries, turn.base = view.entries(stage, point_m), view.base
         yield _asking(robot, turn, result)
         if np.abs(velocities(policy, turn.action)).max() <= STOP_SHARE:

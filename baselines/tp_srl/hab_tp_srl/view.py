@@ -13,6 +13,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from hab_navigator.robot_map import turned
 from hab_plans.belief import Opening
 from hab_plans.stage import Stage
 from hab_spa.sensing.fitted_box import HELD_UP
@@ -24,10 +25,17 @@ from hab_tasks.privileged import PrivilegedState
 from hab_tasks.robots.spec import RobotSpec
 from hab_tp_srl.felt import FeltBeliefs
 from hab_tp_srl.in_hand import InHand
-from hab_tp_srl.sight import AJAR_RAD, Fronts, Look, find_door, is_other, is_there, seen_through
-
-NEARER_M = 0.015
-"""The middle of an object is so much farther than that of what is seen of it, on average."""
+from hab_tp_srl.sight import (
+    AJAR_RAD,
+    Fronts,
+    Look,
+    find_door,
+    is_other,
+    is_there,
+    outward,
+    seen_through,
+)
+from hab_tp_srl.watch import Watch
 
 MOST_DOUBTS = 4
 """After so many picks that look wrong, what is seen there is taken for something else."""
@@ -82,7 +90,7 @@ class TaskView:
         self._moving: int | None = None
         self._left, self._pulls = True, False
         self._hand_m: Array | None = None
-        self._in_hand = InHand()
+        self._in_hand, self._watch = InHand(), Watch()
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
         """Takes the observation of a row, at every step; it is read when it is needed."""
@@ -135,17 +143,25 @@ class TaskView:
         found_m = self.look(robot).appeared_m(before, self._in_base(self._goals_m[number]))
         if found_m is None or self.felt.held == number:
             return None
-        self.felt.places_m[number] = self._to_frame(_outward(found_m))
+        self.felt.places_m[number] = self._to_frame(outward(found_m))
         return found_m
 
-    def see_fallen(self, look: Look, number: int, point_m: Array) -> bool:
-        """Whether an object is not seen at (3,) but something on the floor, which it then is."""
-        here_m = self._in_base(point_m)
-        found_m = look.fallen_m(here_m) if look.misses(here_m) else None
+    def see_moved(self, look: Look, number: int, point_m: Array) -> bool:
+        """Whether an object is not seen at (3,), but something beside it or on the floor."""
+        places_m = self._in_base(self.felt.places_m)
+        others_m = [one_m for k, one_m in enumerate(places_m) if k != number]
+        ee_m, here_m = self._felt("ee_position").astype(float), self._in_base(point_m)
+        found_m = self._watch.moved_m(look, number, here_m, ee_m, others_m)
         if found_m is not None:
-            self.felt.places_m[number] = self._to_frame(_outward(found_m))
+            self.felt.places_m[number] = self._to_frame(outward(found_m))
             self.felt.moved[number] = True
         return found_m is not None
+
+    def see_all(self, look: Look) -> None:
+        """Notes where objects are seen; of those that doors or drawers hide, once they are out."""
+        for number, place_m in enumerate(self.felt.places_m):
+            if number != self.felt.held and (self.felt.moved[number] or not self._openings):
+                self.see_moved(look, number, place_m)
 
     def took_other(self, robot: RobotSpec, before: Look, point_m: Array) -> bool:
         """Whether the hand has taken something else since a look than what was at a point (3,).
@@ -265,7 +281,7 @@ class TaskView:
             point = point - axes.T @ self._in_hand.in_ee_m
         agent = self._obs["agent"]
         found: Entries = {
-            ("agent", name): _row(values, self._row) for name, values in agent.items()
+            ("agent", name): np.asarray(values[self._row]) for name, values in agent.items()
         }
         found["extra", "point_in_base"] = point
         found["extra", "point_in_ee"] = axes @ (point - ee_m)
@@ -297,11 +313,11 @@ class TaskView:
 
     def _felt(self, name: str) -> Array:
         """Returns an entry of the robot's own state."""
-        return _row(self._obs["agent"][name], self._row)
+        return np.asarray(self._obs["agent"][name][self._row])
 
     def _told(self, name: str) -> Array:
         """Returns an entry of what the task tells."""
-        return _row(self._obs["extra"][name], self._row)
+        return np.asarray(self._obs["extra"][name][self._row])
 
     @property
     def _hand_now_m(self) -> Array:
@@ -311,9 +327,8 @@ class TaskView:
     @property
     def _frame_from_ee(self) -> Array:
         """Rotation (3, 3) of the end-effector in the resting frame."""
-        turned = np.eye(3)
-        turned[:2, :2] = _turn(self._base[2])
-        return turned @ self._ee_axes.T
+        axes = self._ee_axes
+        return np.concatenate((turned(axes[:, :2], self._base[2]), axes[:, 2:]), axis=1).T
 
     @property
     def _ee_axes(self) -> Array:
@@ -325,7 +340,7 @@ class TaskView:
         """Returns where (3,) an object is seen in the hand; None if none is."""
         ee_m = self._felt("ee_position").astype(float)
         found_m = look.held_m(ee_m, before)
-        return None if found_m is None else self._ee_axes @ (_outward(found_m) - ee_m)
+        return None if found_m is None else self._ee_axes @ (outward(found_m) - ee_m)
 
     def _moved_m(self, drawer: int) -> Array:
         """Returns how far a drawer has moved since the start of the episode, (3,)."""
@@ -369,33 +384,17 @@ class TaskView:
         from_mean, to_mean = now - now.mean(axis=0), then - then.mean(axis=0)
         sine = float((from_mean[:, 0] * to_mean[:, 1] - from_mean[:, 1] * to_mean[:, 0]).sum())
         yaw = math.atan2(sine, float((from_mean * to_mean).sum()))
-        x, y = then.mean(axis=0) - _turn(yaw) @ now.mean(axis=0)
+        x, y = then.mean(axis=0) - turned(now.mean(axis=0), yaw)
         return float(x), float(y), yaw
 
     def _to_frame(self, points_m: Array) -> Array:
         """Maps points (..., 3) from the base frame to the resting frame; heights are kept."""
         x, y, yaw = self._base
-        level = points_m[..., :2] @ _turn(yaw).T + np.array((x, y))
+        level = turned(points_m[..., :2], yaw) + np.array((x, y))
         return np.concatenate((level, points_m[..., 2:]), axis=-1)
 
     def _in_base(self, points_m: Array) -> Array:
         """Maps points (..., 3) from the resting frame to the base frame; heights are kept."""
         x, y, yaw = self._base
-        level_m = (points_m[..., :2] - np.array((x, y))) @ _turn(yaw)
+        level_m = turned(points_m[..., :2] - np.array((x, y)), -yaw)
         return np.concatenate((level_m, points_m[..., 2:]), axis=-1)
-
-
-def _outward(seen_m: Array) -> Array:
-    """Returns the middle (3,) of an object from that of what is seen of it, in the base frame."""
-    outward = seen_m[:2] / np.linalg.norm(seen_m[:2])
-    return np.append(seen_m[:2] + NEARER_M * outward, seen_m[2])
-
-
-def _row(value: Any, row: int) -> Array:
-    return np.asarray(value[row])
-
-
-def _turn(yaw_rad: float) -> Array:
-    """Returns the rotation matrix (2, 2)."""
-    cosine, sine = math.cos(yaw_rad), math.sin(yaw_rad)
-    return np.array(((cosine, -sine), (sine, cosine)))

@@ -9,6 +9,7 @@ from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.seen_config import SeenConfig
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.seen_shelves import are_parted
+from hab_spa.sensing.fitted_box import BoxConfig, HeldBox
 from hab_spa.sensing.known_fridge import bodies
 
 from hab_tasks.robots.cameras import camera_pose
@@ -99,3 +100,21 @@ def test_what_lies_in_a_drawer_is_believed_to_move_with_it(make_scene, drawer_at
     np.testing.assert_allclose(places.object_m(1, opened), starts_m[1])
     places.lies_at(0, np.array((3.0, 0.0, 0.8)))
     np.testing.assert_allclose(places.object_m(0, told), (3.0, 0.0, 0.8))
+
+
+def test_the_box_of_a_held_object_is_as_it_stood_when_it_was_picked():
+    """A cracker box, 7 x 16 x 21 cm, that the hand has tilted by 45 degrees around y."""
+    half_m = np.array((0.035, 0.08, 0.105))
+    points_m = np.random.default_rng(0).uniform(-half_m, half_m, (4000, 3))
+    side = np.arange(4000) % 3
+    points_m[np.arange(4000), side] = np.copysign(half_m[side], points_m[np.arange(4000), side])
+    world_from_ee = np.eye(4)
+    world_from_ee[:3, :3] = ((0.5**0.5, 0, 0.5**0.5), (0, 1, 0), (-(0.5**0.5), 0, 0.5**0.5))
+    tilted_m = points_m @ world_from_ee[:3, :3].T
+    held = HeldBox.find(tilted_m, world_from_ee, BoxConfig(), np.array((0.0, 0.0, 1.0)))
+    assert held is not None
+    assert np.sort(held.half_size_m) == pytest.approx(half_m, abs=0.002)
+    upright = HeldBox.find(tilted_m, world_from_ee, BoxConfig())
+    assert upright is not None
+    # (7 + 21) cm / 2 / sqrt(2) = 9.9 cm, two times.
+    assert np.sort(upright.half_size_m) == pytest.approx((0.08, 0.099, 0.099), abs=0.003)

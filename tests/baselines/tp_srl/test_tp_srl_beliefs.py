@@ -15,6 +15,7 @@ from hab_tp_srl.navigators import LearnedNavigator
 from hab_tp_srl.providers import InTurn, LearnedSkill
 from hab_tp_srl.sight import Fronts, Look, is_there, seen_through
 from hab_tp_srl.view import TaskView
+from hab_tp_srl.watch import Watch
 
 from hab_tasks.robots.fetch import FETCH
 
@@ -165,6 +166,28 @@ def test_an_object_that_is_not_where_it_was_is_the_small_thing_on_the_floor(thin
         assert found_m is None
     else:
         np.testing.assert_allclose(found_m, fallen, atol=0.06)
+
+
+@pytest.mark.parametrize(
+    ("column", "other_m", "aside_m"),
+    [
+        (70, (9.0, 9.0, 0.0), (0.225, 0.0, -0.9)),  # 25 pixels to the right
+        (46, (9.0, 9.0, 0.0), None),  # it stands
+        (70, (0.2, 0.0, -0.9), None),  # that is another object
+    ],
+)
+def test_an_object_that_was_pushed_aside_is_what_has_appeared_there(column, other_m, aside_m):
+    """Objects of 10 cm stand 1 m below, where pixels are 0.9 cm apart."""
+    before_m, after_m = np.ones((100, 100)), np.ones((100, 100))
+    before_m[45:55, 45:55] = after_m[45:55, column : column + 10] = 0.9
+    watch, ee_m, others_m = Watch(), np.array((0.0, 0.3, -0.9)), [np.array(other_m)]
+    here_m = np.array((0.0, 0.0, -0.9))
+    assert watch.moved_m(look(before_m), 0, here_m, ee_m, others_m) is None
+    found_m = watch.moved_m(look(after_m), 0, here_m, ee_m, others_m)
+    if aside_m is None:
+        assert found_m is None
+    else:
+        np.testing.assert_allclose(found_m, aside_m, atol=0.02)
 
 
 @pytest.mark.parametrize(

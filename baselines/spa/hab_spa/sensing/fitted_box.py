@@ -285,8 +285,8 @@ class HeldBox:
         # Turned so that the box is upright.
         turned_from_world = np.eye(4)
         if up is not None:
-            turn, _ = Rotation.align_vectors(np.eye(3)[2:], [world_from_ee[:3, :3] @ up])
-            turned_from_world[:3, :3] = turn.as_matrix()
+            aligned = Rotation.align_vectors(np.eye(3)[2:], [world_from_ee[:3, :3] @ up])
+            turned_from_world[:3, :3] = aligned[0].as_matrix()
         turned_from_box, half_size_m = _least_box(own_m @ turned_from_world[:3, :3].T, config)
         world_from_box = turned_from_world.T @ turned_from_box
         world_from_box[:3, 3] += world_from_ee[:3, 3]

@@ -22,6 +22,8 @@ from hab_spa.sensing.own_shapes import own_shapes
 from hab_spa.shapes import Array, invert_pose
 from numpy.typing import NDArray
 from scipy import ndimage
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from hab_tasks.agent import of_rows
 from hab_tasks.robots.spec import RobotSpec
@@ -32,7 +34,7 @@ CHANGED_M = 0.015
 AROUND_M, LEAST = 0.5, 8
 """What has appeared is looked for so far around, and has so many pixels at least."""
 
-LEVEL_M, RISES_M, HIDDEN_M = 0.1, 0.02, 0.25
+LEVEL_M, RISES_M, HIDDEN_M = 0.1, 0.02, 0.12
 """An object lies on the level of most surfaces so near in height, and is so much higher. Farther
 from its goal, what was hidden before may as well be a wall."""
 
@@ -61,6 +63,9 @@ EMPTY_M, PAST_M = 0.06, 0.03
 FALLEN_M, FELL_M, ALONE_M = (0.012, 0.25), 0.8, 0.12
 """What has fallen from a place lies so high above the floor, so near to it, and nothing higher is
 seen so near to its middle."""
+
+LINK_M, LINK_PX = 0.03, 2.5
+"""Pixels beside each other show one surface up to this distance, or so many times their spacing."""
 
 OWN_M, OWN_PX = 0.04, 2
 """Surfaces so near to the robot's own shapes are taken for its own, and pixels so near to these: at
@@ -201,11 +206,25 @@ class Look:
         return None if cloud_m is None else middle_m(cloud_m)
 
     def _clouds(self, shown: NDArray[Any]) -> list[Array]:
-        """Returns the connected parts of some pixels (H, W), as clouds (P, 3)."""
-        parts: NDArray[np.int32] = np.zeros(shown.shape, dtype=np.int32)
-        ndimage.label(shown, np.ones((3, 3)), output=parts)
-        clouds_m = [self.points_m[parts == part] for part in range(1, parts.max() + 1)]
-        return [cloud_m for cloud_m in clouds_m if len(cloud_m) >= LEAST]
+        """Returns the connected parts of some pixels (H, W), as clouds (P, 3).
+
+        Pixels beside each other are not connected where one shows what is behind the other.
+        """
+        number = np.where(shown, np.cumsum(shown).reshape(shown.shape) - 1, -1)
+        pairs = [
+            np.stack((number[first], number[second]), axis=-1).reshape(-1, 2)
+            for first, second in _BESIDE
+        ]
+        links = np.concatenate(pairs)
+        links = links[(links >= 0).all(axis=1)]
+        points_m = self.points_m[shown]
+        gaps_m = np.linalg.norm(points_m[links[:, 0]] - points_m[links[:, 1]], axis=1)
+        far_m = np.maximum(LINK_M, LINK_PX * self.depth_m[shown] / self.view.focal_px[0])
+        links = links[gaps_m < far_m[links[:, 0]]]
+        graph = coo_array((np.ones(len(links)), links.T), shape=(len(points_m), len(points_m)))
+        _, parts = connected_components(graph, directed=False)
+        counts = np.bincount(parts, minlength=1)
+        return [points_m[parts == part] for part in np.flatnonzero(counts >= LEAST)]
 
     def moved_to(self, after: Look, points_m: Array) -> Array:
         """Maps points (P, 3) from the base frame of this look to that of another one."""
@@ -264,6 +283,15 @@ def is_other(before: Look, after: Look, here_m: Array, aside_m: float | None) ->
     )
     return nearest_m > GONE_M and any(others)
 
+
+_HERE, _NEXT, _ALL = slice(None, -1), slice(1, None), slice(None)
+_BESIDE = (
+    ((_HERE, _ALL), (_NEXT, _ALL)),
+    ((_ALL, _HERE), (_ALL, _NEXT)),
+    ((_HERE, _HERE), (_NEXT, _NEXT)),
+    ((_HERE, _NEXT), (_NEXT, _HERE)),
+)
+"""Slices of an image that pair every pixel with those below, to the right and across."""
 
 FRONT_M = 0.4
 """The front is what was seen so near to the hand when it grasped the handle."""

@@ -72,6 +72,11 @@ def test_a_placed_object_is_believed_where_something_has_appeared():
     np.testing.assert_allclose(
         look(in_hand).held_m(np.array((0.12, -0.12, -0.5))), (0.125, -0.125, -0.5)
     )
+    # Beside it in the image, but 15 cm nearer, is what the hand had hidden as well.
+    depth_m[74:80, 76:85], depth_m[:64] = 0.75, 1.0
+    np.testing.assert_allclose(
+        look(depth_m, own=own).appeared_m(look(in_hand), goal_m), (0.207, -0.243, -0.9)
+    )
 
 
 @pytest.mark.parametrize(

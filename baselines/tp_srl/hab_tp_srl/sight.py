@@ -157,16 +157,6 @@ class Look:
         same = np.abs(behind_m) < CHANGED_M
         return len(same) >= LEAST and bool(same.mean() > SAME)
 
-    def left_share(self, after: Look, near_m: Array) -> float:
-        """Returns past which share of what was seen around a point (3,) a later look sees.
-
-        The point is in the base frame of the later look. Of what is hardly in view, it is 0.
-        """
-        there_m = after.moved_to(self, near_m[None])
-        around = np.linalg.norm(self.points_m - there_m, axis=-1) < STANDS_M
-        _, behind_m = after.behind_m(self.moved_to(after, self.points_m[around & ~self.own]))
-        return float((behind_m > PAST_M).mean()) if len(behind_m) >= LEAST else 0.0
-
     def shows(self, here_m: Array) -> bool:
         """Whether something is seen at a point (3,)."""
         near = np.linalg.norm(self.points_m - here_m, axis=-1) < EMPTY_M

@@ -5,16 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from hab_spa.shapes import Array
+from hab_spa.shapes import Array, invert_pose
 
-from hab_tp_srl.sight import IN_HAND_M, STANDS_M, Look, middle_m
+from hab_tp_srl.sight import IN_HAND_M, LEAST, PAST_M, STANDS_M, Look, middle_m
 
-LEVEL_M, SMALL_M = 0.15, 0.3
-"""What was pushed aside lies about as high as before, and is not larger."""
+NEAR_M = 1.3
+"""Farther from the base, an object has too few pixels."""
 
 LEFT_SHARE, STANDS_SHARE = 0.5, 0.1
 """An object has left its place if one sees past so much of it, and stands there up to the second
 share. Between them, something may hide it."""
+
+SAME_SIDE = 0.8
+"""Least cosine between two directions from which one sees the same side of an object."""
+
+LEVEL_M, SMALL_M = 0.15, 0.3
+"""What was pushed aside lies about as high as before, and is not larger."""
 
 OTHER_M = 0.08
 """What is seen so near to the place of another object is that one."""
@@ -39,8 +45,10 @@ class Watch:
             ee_m: (3,) the hand, which may hold another one.
             others_m: Places (3,) of the other objects.
         """
+        if np.hypot(here_m[0], here_m[1]) > NEAR_M:
+            return None
         before = self._looks.get(number)
-        left_share = 0.0 if before is None else before.left_share(look, here_m)
+        left_share = 0.0 if before is None else _left_share(before, look, here_m)
         if left_share < LEFT_SHARE and not look.misses(here_m):
             if look.shows(here_m) and left_share < STANDS_SHARE:
                 self._looks[number] = look
@@ -68,6 +76,28 @@ class Watch:
             and all(_gap_m(one_m, there_m) > gap_m for there_m, gap_m in taken)
         ]
         return min(aside, key=lambda one_m: _gap_m(one_m, here_m), default=None)
+
+
+def _left_share(before: Look, after: Look, near_m: Array) -> float:
+    """Returns past which share of what was seen around a point (3,) a later look sees.
+
+    The point is in the base frame of the later look. Of what is hardly in view, or was seen from
+    another side, it is 0.
+    """
+    there_m = after.moved_to(before, near_m[None])[0]
+    if _side(before, there_m) @ _side(after, near_m) < SAME_SIDE:
+        return 0.0
+    around = np.linalg.norm(before.points_m - there_m, axis=-1) < STANDS_M
+    _, behind_m = after.behind_m(before.moved_to(after, before.points_m[around & ~before.own]))
+    return float((behind_m > PAST_M).mean()) if len(behind_m) >= LEAST else 0.0
+
+
+def _side(look: Look, point_m: Array) -> Array:
+    """Returns the direction (3,) in the world in which the camera sees a point (3,)."""
+    world_from_base = invert_pose(look.base_from_world)
+    in_world_m = world_from_base[:3, :3] @ point_m + world_from_base[:3, 3]
+    away_m = in_world_m - look.view.world_from_camera[:3, 3]
+    return away_m / np.linalg.norm(away_m)
 
 
 def _gap_m(one_m: Array, other_m: Array) -> float:

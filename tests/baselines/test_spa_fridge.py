@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hab_spa.skills.fridge.config import FridgeConfig, pull_of
+from hab_spa.skills.fridge.config import ExitConfig, FridgeConfig, pull_of, wider
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.maneuver import base_maneuvers
 
 from hab_tasks.privileged import ArticulationState
 from hab_tasks.robots.fetch import FETCH
+from hab_tasks.world.navigation import NavigationMap
+from hab_tasks.world.scenes.floor import floor_between
 
 
 def door_at(joint: float) -> ArticulationState:
@@ -64,6 +68,27 @@ def test_a_pull_tells_when_the_door_is_far_enough():
     config = FridgeConfig(open_need=0.6, open_more=0.25, opened=1.6)
     needs = [pull_of(door_at(joint), True, config).need for joint in (1.0, 1.5)]
     assert needs == pytest.approx([1.25, 1.6])
+
+
+def test_a_door_opens_until_the_fridge_can_be_reached():
+    def floor_map(joints=None):
+        """Of a corner: a wall along x = 1.2 m, which the door at the origin narrows."""
+        joint = (joints or {0: math.pi / 2})[0]
+        out, aside = np.array((math.sin(joint), math.cos(joint))), np.array((0.02, 0.02))
+        door = np.array((-aside, aside, 0.68 * out + aside, 0.68 * out - aside))
+        wall = np.array(((1.2, -1.0), (1.4, -1.0), (1.4, 0.6), (1.2, 0.6)))
+        floor = floor_between([door, wall], np.array(((0.0, -1.0), (3.0, 3.0))), radius_m=0.3)
+        return NavigationMap(floor, np.zeros_like(floor.room))
+
+    def robot_at(joint):
+        door = replace(door_at(joint), frame=np.array((-0.1, -0.4, 0.0)))
+        scene = SimpleNamespace(articulation=lambda _: door, floor_map=floor_map)
+        return SimpleNamespace(scene=scene, base=np.array((1.0, 2.0, 0.0)))
+
+    # The base needs 0.6 m between the door's edge, at 0.68 m * sin(joint), and the wall: 2.06 rad.
+    config = wider(robot_at(math.pi / 2), 0, FridgeConfig(), ExitConfig())
+    assert config is not None
+    assert 2.0 < config.opened < 2.25
 
 
 def test_shunts_end_at_the_goal_in_every_way():

@@ -152,11 +152,15 @@ class ExitConfig:
 
     Attributes:
         enclosed_m: A base farther than this from the room's free floor is enclosed.
+        front_m: What is in the fridge is taken from so far in front of its middle, ...
+        beside_m: ... or from free floor that is at most so far from there.
         spacing_rad: Spacing of the joint positions searched.
         beyond_rad: Additional opening beyond the first joint position that frees the robot.
     """
 
     enclosed_m: float = 0.5
+    front_m: float = 1.0
+    beside_m: float = 0.3
     spacing_rad: float = 0.1
     beyond_rad: float = 0.1
 
@@ -164,10 +168,11 @@ class ExitConfig:
 def wider(
     robot: Robot, number: int, config: FridgeConfig, exit_: ExitConfig
 ) -> FridgeConfig | None:
-    """Returns the parameters for opening the door farther, so that the robot can leave.
+    """Returns the parameters for opening the door farther, so that the robot can go on.
 
     Returns:
-        None if the robot is not enclosed, or if no joint position frees it.
+        None if the door is in the robot's way neither from here nor to the fridge's front, or if
+        no joint position clears it.
     """
     if not _is_enclosed(robot, number, None, exit_):
         return None
@@ -183,7 +188,11 @@ def wider(
 
 
 def _is_enclosed(robot: Robot, number: int, joint: float | None, config: ExitConfig) -> bool:
-    """Whether the base is cut off from the room with the door at a joint position."""
+    """Whether the base or the fridge's front is cut off from the room by the door at a joint."""
     map_ = robot.scene.floor_map(None if joint is None else {number: joint})
-    here_m = robot.base[:2]
-    return float(np.linalg.norm(map_.nearest_free(here_m) - here_m)) > config.enclosed_m
+    x, y, yaw = robot.scene.articulation(number).frame
+    front_m = np.array((x + config.front_m * np.cos(yaw), y + config.front_m * np.sin(yaw)))
+    return any(
+        np.linalg.norm(map_.nearest_free(point_m) - point_m) > most_m
+        for point_m, most_m in ((robot.base[:2], config.enclosed_m), (front_m, config.beside_m))
+    )

@@ -8,6 +8,7 @@ import pytest
 from hab_spa.scenes.seen_furniture import SeenDrawer, SeenFridge
 from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.sensing.known_fridge import BODY_NAME
+from hab_spa.sensing.walls import supposed_walls
 from hab_spa.shapes import invert_pose
 
 from hab_tasks.robots.fetch import FETCH
@@ -101,3 +102,17 @@ def _least_volume_m3(points_m):
     turns = [np.array(((np.cos(a), -np.sin(a)), (np.sin(a), np.cos(a)))) for a in yaws]
     area_m2 = min(np.prod(np.ptp(points_m[:, :2] @ turn, axis=0)) for turn in turns)
     return area_m2 * np.ptp(points_m[:, 2])
+
+
+def test_a_wall_beside_the_fridge_is_supposed_to_go_on():
+    out_m, high_m = (one.ravel() for one in np.mgrid[0.1:0.61:0.02, 0.3:1.4:0.02])
+    wall_m = np.column_stack((out_m, np.full_like(out_m, 0.6), high_m))
+    counter_m = wall_m * (1.0, -1.0, 0.5)  # on the other side, too low for a wall
+    # The front faces +y; what is out of it in x there is along -x, so the wall is at x = 2 - 0.6.
+    quarter = np.array(((0.0, -1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)))
+    seen_m = np.concatenate((wall_m, counter_m)) @ quarter.T + (2.0, 3.0, 0.0)
+    supposed_m = supposed_walls(seen_m, np.array((2.0, 3.0, np.pi / 2, 0.0)), 0.02)
+    np.testing.assert_allclose(supposed_m[:, 0], 1.4, atol=1e-9)
+    # It has been seen up to y = 3.6, nearly, and is supposed for 1.2 m more.
+    assert supposed_m[:, 1].min() == pytest.approx(3.58, abs=0.03)
+    assert supposed_m[:, 1].max() == pytest.approx(4.77, abs=0.03)

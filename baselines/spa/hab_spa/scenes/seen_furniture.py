@@ -23,6 +23,7 @@ from hab_spa.sensing.known_fridge import (
     hinges_of,
     poses_of,
 )
+from hab_spa.sensing.walls import supposed_walls
 from hab_spa.shapes import Array, box_distance_m, invert_pose
 from hab_tasks.privileged import ArticulationState, CollisionBody
 from hab_tasks.world.navigation import NavigationMap
@@ -152,6 +153,7 @@ class SeenFridge(SeenFurniture):
             self._found, self._opened = found, opened
             self._felt_rad = float(found.pose[3])
             self._open_by(self._felt_rad)
+            self._suppose_walls()
         return self._found is not None
 
     def missed(self) -> None:
@@ -175,7 +177,9 @@ class SeenFridge(SeenFurniture):
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
         """Returns the map of the floor between what was seen; unseen floor is free."""
-        centres_m = self.map.occupied_m(self._shoulder_m, self.config.reach_m + AROUND_M)
+        centres_m = self._surfaces_m()
+        if self.risk_level < 2:
+            centres_m = np.concatenate((centres_m, self.map.felt_m()))
         high = (centres_m[:, 2] > LOWEST_M) & (centres_m[:, 2] < HIGHEST_M)
         centres_m = centres_m[high & ~self._modeled(centres_m, SEEN_M)]
         cells = np.floor(centres_m[:, :2] / CELL_M)
@@ -191,6 +195,17 @@ class SeenFridge(SeenFurniture):
         corners = here_m + AROUND_M * np.array(((-1.0, -1.0), (1.0, 1.0)))
         floor = floor_between([*squares, *fridge], corners)
         return NavigationMap(floor, np.zeros_like(floor.room))
+
+    def _suppose_walls(self) -> None:
+        """Adds to the map what is probably beside the robot, where no camera has looked."""
+        centres_m = self._surfaces_m()
+        centres_m = centres_m[~self._modeled(centres_m, SEEN_M)]
+        spacing_m = self.config.map.voxels.size_m
+        self.map.add_contacts(supposed_walls(centres_m, self._fridge.pose, spacing_m))
+
+    def _surfaces_m(self) -> Array:
+        """Returns the map's surfaces (V, 3) around the robot."""
+        return self.map.occupied_m(self._shoulder_m, self.config.reach_m + AROUND_M)
 
     @property
     def _fridge(self) -> Found:

@@ -72,6 +72,7 @@ class SeenScene:
         self._places: KnownPositions | None = None
         self._boxes: dict[int, FittedBox] = {}
         self._hand: HeldBox | None = None
+        self._up: Array | None = None
         self._wanted: int | None = None
         self._held: int | None = None
         self._was_holding, self.risk_level = False, 0
@@ -96,7 +97,7 @@ class SeenScene:
         elif not holding:
             if self._held is not None:  # believed to be where it was released
                 self._known.lies_at(self._held, self._world_from_ee()[:3, 3])
-            self._held, self._hand = None, None
+            self._held, self._hand, self._up = None, None, None
         self._was_holding = holding
 
     @property
@@ -108,7 +109,7 @@ class SeenScene:
     def held_up(self) -> Array | None:
         """(3,) what was up before the grasp, in the end-effector frame; None if it is now."""
         told = self._obs["extra"].get(HELD_UP)
-        return None if told is None else np.asarray(told[self._row], dtype=float)
+        return self._up if told is None else np.asarray(told[self._row], dtype=float)
 
     @property
     def world_from_base(self) -> Array:
@@ -378,12 +379,13 @@ class SeenScene:
             return
         # The object has not moved yet, and was seen better during the approach.
         self.grasp_points_m(self._wanted)
-        self._held = self._wanted
+        self._held, self._up = self._wanted, self._world_from_ee()[2, :3]
         box, config = self._boxes[self._wanted], self.config
-        self._hand = HeldBox(
-            ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
-            half_size_m=box.half_size_m,
-        )
+        if box.seen:
+            self._hand = HeldBox(
+                ee_from_box=invert_pose(self._world_from_ee()) @ box.world_from_box,
+                half_size_m=box.half_size_m,
+            )
         self.map.remove(box, config.held_margin_m if box.seen else config.unseen_m)
 
 

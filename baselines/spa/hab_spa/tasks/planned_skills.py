@@ -138,6 +138,7 @@ class PlannedSkill:
     def base_pose(self, robot: Robot, stage: Stage, tried: Sequence[BasePose]) -> BasePose | None:
         """Returns the base pose with the best score, apart from those tried."""
         guide, number, map_ = self.guide or robot, stage.number, robot.scene.floor_map()
+        guide.held_up = robot.held_up
         poses, score = self.base_poses(guide, number, map_), self.score(guide, number, map_)
         return choose(guide, poses, score, tried, self.standing)
 

@@ -46,8 +46,9 @@ ELSEWHERE, MOST_LOOKS = 0.2, 6
 """So many looks at a door that nobody has moved count together, each from a head camera that has
 moved by so much [m], or turned by so much [rad], since the one before."""
 
-AS_FELT_RAD = np.array((-0.15, 0.5))
-"""A door that was opened stands where the hand let it go, or has been pushed farther."""
+AS_FELT_RAD, PUSHED_RAD = np.array((-0.15, 0.5)), np.array((-0.6, 0.5))
+"""A door that was opened stands where the hand let it go, or has been pushed farther; also back,
+if the arm has met something since."""
 
 DRAWER_HALF_M, HANDLE_M = 0.097, 0.1
 """Half of a drawer's height, and how far its handle stands out."""
@@ -122,7 +123,7 @@ class SeenFridge(SeenFurniture):
         self._found: Found | None = None
         self._taken: tuple[float, float] | None = None
         self._age, self._widest_rad = 0, 0.0
-        self._felt_rad, self._opened = 0.0, False
+        self._felt_rad, self._opened, self._pushed = 0.0, False, False
         self._looks: list[Images] = []
 
     def see(self, obs: Mapping[str, Any], row: int) -> None:
@@ -133,6 +134,7 @@ class SeenFridge(SeenFurniture):
             self._taken = None
             return
         self._looks.clear()  # the door moves
+        self._pushed = False
         x, y, _, joint = hinges_of(self._found.pose[None], self._found.side)[0]
         at_rad = np.arctan2(*(self._world_from_ee()[:2, 3] - (x, y))[::-1])
         if self._taken is None:
@@ -164,6 +166,11 @@ class SeenFridge(SeenFurniture):
             joint = seen_joint(self._views(), before, around_rad=MOST_RAD)
             self._open_by(before.pose[3] if joint is None else joint)
 
+    def met(self, path: Array) -> None:
+        """Records contact of the arm, perhaps with the door; see `SeenScene.met`."""
+        super().met(path)
+        self._pushed = True
+
     def articulation(self, number: int) -> ArticulationState:
         """Returns the fridge's door."""
         if not self._was_holding and self._age >= REFIT_STEPS:
@@ -172,7 +179,8 @@ class SeenFridge(SeenFurniture):
                 self._open_by(joint)
             elif joint is not None and self._widest_rad > 0.0:
                 # A door that was opened stays, and its inside may be taken for its front.
-                self._open_by(float(np.clip(joint, *(self._felt_rad + AS_FELT_RAD))))
+                around = PUSHED_RAD if self._pushed else AS_FELT_RAD
+                self._open_by(float(np.clip(joint, *(self._felt_rad + around))))
         return articulation_of(self._fridge.pose, self._fridge.side, self._was_holding)
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:

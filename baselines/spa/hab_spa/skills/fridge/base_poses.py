@@ -51,6 +51,7 @@ class BasePoseConfig:
         edge_steps: Cost of a base pose at the edge of the region [steps].
         tight_steps: Cost of each clearance that is not kept [steps].
         drives: Number of maneuvers to a base pose that are evaluated.
+        hints: Number of its grasp poses that are kept.
         door_path: Parameters of the search for pulls.
     """
 
@@ -78,6 +79,7 @@ class BasePoseConfig:
     most_tries: int = 60
     stride: int = 8
     drives: int = 2
+    hints: int = 4
     door_path: DoorPathConfig = field(default_factory=DoorPathConfig)
 
 
@@ -91,6 +93,7 @@ class SelectedBasePose:
         complete: Whether the pull opens or closes the door completely.
         sufficient: Whether the pull is sufficient.
         tight: Number of preferred clearances that the maneuver does not keep.
+        goals: (G, J) grasp poses of the best pulls from there.
     """
 
     maneuver: BaseManeuver | None
@@ -98,6 +101,7 @@ class SelectedBasePose:
     complete: bool
     sufficient: bool
     tight: int
+    goals: Array
 
 
 class BasePoseSearch:
@@ -158,10 +162,14 @@ class BasePoseSearch:
         order = np.argsort(cost, kind="stable")
         return poses[order]
 
-    def candidates(self, pose: Array | None, thorough: bool = False) -> list[DoorPath]:
-        """Returns the pulls from a base pose (3,), None for the current one, best first."""
+    def candidates(self, pose: Array | None, near: Array | None = None) -> list[DoorPath]:
+        """Returns the pulls from a base pose (3,), None for the current one, best first.
+
+        Where the robot has driven, more are searched, also near the grasp poses (G, J) for which
+        it has.
+        """
         config = self.config.door_path
-        return self._search.find(pose, config.final if thorough else config.comparison)
+        return self._search.find(pose, config.comparison if near is None else config.final, near)
 
     def choose(self, tries: int, in_time_steps: float) -> SelectedBasePose | None:
         """Returns the best of the evaluated base poses; None if none is feasible.
@@ -206,6 +214,7 @@ class BasePoseSearch:
             complete=candidates[0].complete,
             sufficient=candidates[0].sufficient,
             tight=tight,
+            goals=np.array([one.goal for one in candidates[: self.config.hints]]),
         )
 
     def quick_candidates(self, pose: Array) -> list[DoorPath]:

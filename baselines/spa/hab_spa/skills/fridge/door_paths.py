@@ -88,7 +88,9 @@ class DoorPathSearch:
             else scene.collision(base=middle, without=articulation.body, reach_m=config.around_m)
         )
 
-    def find(self, pose: Array | None, goal: GoalConfig) -> list[DoorPath]:
+    def find(
+        self, pose: Array | None, goal: GoalConfig, near: Array | None = None
+    ) -> list[DoorPath]:
         """Returns the pulls from a base pose (3,), best first.
 
         The base moves as well if the arm alone cannot move the door completely.
@@ -96,6 +98,7 @@ class DoorPathSearch:
         Args:
             pose: Hypothetical base pose; None for the current one.
             goal: Parameters of grasp sampling.
+            near: Grasp poses (G, J) of pulls that were found from almost the same base pose.
         """
         scene = self._robot.scene
         base = self._robot.base if pose is None else pose
@@ -104,7 +107,7 @@ class DoorPathSearch:
             self.collision.set_margin(self._config.rest_m)
             if not self.collision.is_free(scene.arm_qpos):
                 return []
-        goals = self._goals(goal)
+        goals = self._goals(goal, near)
         if not len(goals):
             return []
         standing = np.repeat(base[None, None], len(self._arcs.joints), axis=1)
@@ -123,16 +126,21 @@ class DoorPathSearch:
             model.stand_at(base)
             model.move(self._articulation.body, np.eye(4))
 
-    def _goals(self, config: GoalConfig) -> Array:
-        """Returns grasp poses (G, J)."""
+    def _goals(self, config: GoalConfig, near: Array | None) -> Array:
+        """Returns grasp poses (G, J), first those near others."""
         robot, door = self._robot, self._door
         points_m = np.array([door.point(door.joint, *grasp) for grasp in self._pull.grasps_m])
         seed, here, arm = robot.next_seed(), robot.scene.arm_qpos, robot.kinematics
         goals = sample_reaching_goals(points_m, self.collision, arm, seed, config)
         if np.abs(here - arm.rest_rad).max() > self._config.resting_rad:
             # After a pull, grasp poses near the current one need little motion.
-            near = sample_reaching_goals(points_m, self.collision, arm, seed, config, here)
-            goals = np.concatenate((goals, near))
+            again = sample_reaching_goals(points_m, self.collision, arm, seed, config, here)
+            goals = np.concatenate((goals, again))
+        for pose in () if near is None else near[::-1]:
+            some = sample_reaching_goals(
+                points_m, self.collision, arm, seed, self._config.quick, pose
+            )
+            goals = np.concatenate((some, goals))
         return goals
 
     def _along(self, goals: Array, moving: Array) -> list[DoorPath]:

@@ -109,6 +109,7 @@ class _Fridge:
         self._region, self._whole = region, config
         self._config = config.nearer() if config.near_first else config
         self._open_rad, self._reaches = FRIDGE_OPEN_RAD, False
+        self._planned = np.zeros((0, len(robot.scene.arm_qpos)))
 
     @property
     def _joint(self) -> float:
@@ -232,6 +233,7 @@ class _Fridge:
         began = time.perf_counter()
         chosen = self._search().choose(tries, robot.steps_left - self._config.spare_steps)
         robot.spend("target", time.perf_counter() - began)
+        self._planned = self._planned[:0] if chosen is None else chosen.goals
         return chosen
 
     def _drive(self, chosen: SelectedBasePose) -> Generator[Command, None, bool]:
@@ -249,7 +251,7 @@ class _Fridge:
         """Returns the candidate pulls from the current base pose, best first."""
         robot = self._robot
         began = time.perf_counter()
-        candidates = self._search().candidates(None, thorough=True)
+        candidates = self._search().candidates(None, self._planned)
         robot.spend("target", time.perf_counter() - began)
         good = [
             candidate

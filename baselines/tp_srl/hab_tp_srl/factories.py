@@ -143,7 +143,7 @@ def tp_srl(setup: AgentSetup) -> TpSrlAgent:
         log = MotionLog(env_id, robot, believes=options.privileged or options.feels)
         navigator = _navigator(policies, navigate, scene.view)
         team = Team(
-            skills=providers(task, policies, scene.view),
+            skills=providers(task, policies, scene.view, options.knows_effects),
             navigator=navigator,
             hand_over=Resetting(
                 log=log, options=options, navigator=navigator, learned=_learned(policies)

@@ -78,6 +78,11 @@ class TeamOptions:
         return self.replans > 0 and not self.privileged
 
     @property
+    def knows_effects(self) -> bool:
+        """Whether the agent notices, by ground truth or by its sensors, what a skill has left."""
+        return self.replans > 0 or self.true_knowledge
+
+    @property
     def privileged(self) -> bool:
         """Whether the agent needs ground truth; agents of skills have to do without."""
         planned = {None, *PROVIDERS.values()} & {

@@ -39,13 +39,16 @@ Policies = Mapping[str, Sequence[SkillPolicy | AgentPolicy | SkillProvider[Robot
 """Skill -> policies, providers of another package, or None for planning, in turn."""
 
 
-def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, SkillProvider[Robot]]:
+def providers(
+    task: Task, policies: Policies, view: TaskView, knows: bool
+) -> dict[str, SkillProvider[Robot]]:
     """Returns the providers of a task's skills, for the robot of one row.
 
     Args:
         task: The task.
         policies: Who executes each skill.
         view: What the robot observes.
+        knows: Whether the robot notices that a learned skill's effect does not hold.
     """
     placing = policies.get("place", ())
     kinds = (SkillPolicy, AgentPolicy)  # a learned one, as it takes no time to plan
@@ -57,7 +60,10 @@ def providers(task: Task, policies: Policies, view: TaskView) -> dict[str, Skill
             if one is None:
                 parts.append(PlannedPart(**vars(PLANNED_SKILLS[skill]), view=view))
             elif isinstance(one, SkillPolicy | AgentPolicy):
-                parts.append(LearnedSkill(task=task, policy=one, view=view, put=put))
+                learned = LearnedSkill(
+                    task=task, policy=one, view=view, knows_effect=knows, put=put
+                )
+                parts.append(learned)
             else:
                 parts.append(one)
         found[skill] = parts[0] if len(parts) == 1 else InTurn(parts=parts)
@@ -122,23 +128,20 @@ class LearnedSkill:
         task: The task.
         policy: The policy.
         view: What the robot observes.
+        knows_effect: See `SkillProvider`.
         put: Policy that puts back what was picked by mistake.
     """
 
     task: Task
     policy: SkillPolicy | AgentPolicy
     view: TaskView
+    knows_effect: bool
     put: SkillPolicy | AgentPolicy | None = None
 
     @property
     def name(self) -> str:
         """Name of the policy."""
         return self.policy.name
-
-    @property
-    def knows_effect(self) -> bool:
-        """Whether the robot notices, by ground truth or by touch, that the effect does not hold."""
-        return self.view.truth or self.view.feels
 
     @property
     def horizon_steps(self) -> int:

@@ -203,7 +203,7 @@ def test_what_no_arm_reaches_is_not_begun(x_m, base, far):
     view = SimpleNamespace(feels=True, sees=False, truth=False, begin=lambda stage: None)
     view.point, view.entries = (lambda stage: None), (lambda stage, point_m: entries)
     policy = SimpleNamespace(control=SimpleNamespace(base=base))
-    skill = LearnedSkill(task=None, policy=policy, view=view)  # pyright: ignore
+    skill = LearnedSkill(task=None, policy=policy, view=view, knows_effect=True)  # pyright: ignore
     assert skill._is_far(stage("pick", 0)) is far
     if far:
         with pytest.raises(StopIteration, match="EXECUTION"):

@@ -14,7 +14,7 @@ from hab_spa.motion.follow import Follower, TimingConfig, time_path_within, trac
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PlanConfig
 from hab_spa.planning.collision import ArmCollision
-from hab_spa.planning.escape import escape
+from hab_spa.planning.escape import EscapeConfig, escape
 from hab_spa.planning.joint_goal import sample_rest_goals
 from hab_spa.shapes import Array
 
@@ -188,22 +188,33 @@ def draw_out(robot: Robot, near_rad: float) -> Motion:
 
 
 def _way_back(robot: Robot, collision: ArmCollision, goals: Array, plan: PlanConfig) -> PathResult:
+    """Escapes from contact, then plans; if that fails, escapes through deeper contact."""
+    began, config = time.perf_counter(), robot.config.escape
+    result = _escaped(robot, collision, goals, plan, config)
+    if result.path is None:
+        deeper = replace(config, touch_m=config.deeper_m)
+        result = _escaped(robot, collision, goals, plan, deeper)
+    return replace(result, seconds=time.perf_counter() - began)
+
+
+def _escaped(
+    robot: Robot, collision: ArmCollision, goals: Array, plan: PlanConfig, config: EscapeConfig
+) -> PathResult:
     """Escapes from contact, then plans; without an escape, the plan starts in contact."""
-    began, start = time.perf_counter(), robot.scene.arm_qpos.copy()
-    config = robot.config
-    way_out = escape(collision, robot.kinematics, start, config.escape)
+    start = robot.scene.arm_qpos.copy()
+    way_out = escape(collision, robot.kinematics, start, config)
     if not len(way_out):
         way_out = start[None]
-    result = config.planner.plan(
+    result = robot.config.planner.plan(
         way_out[-1],
         goals,
         collision,
         seed=robot.next_seed(),
         limits=plan,
-        touch_m=config.escape.touch_m,
+        touch_m=config.touch_m,
         # The start is the tight end here: the hand is at an object, or in a fridge.
         backwards=True,
     )
-    if result.path is not None:
-        result = replace(result, path=np.concatenate((way_out, result.path[1:])))
-    return replace(result, seconds=time.perf_counter() - began)
+    if result.path is None:
+        return result
+    return replace(result, path=np.concatenate((way_out, result.path[1:])))

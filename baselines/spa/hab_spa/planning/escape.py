@@ -31,6 +31,8 @@ class EscapeConfig:
         retreat_stride: Steps per waypoint of a retreat.
         margins_m: Clearances after an escape; a smaller one only if all directions fail.
         touch_m: Tolerance for pairs in contact at the start, as the orientation varies slightly.
+        deeper_m: The same if no other way back is found: a hand that has held a door by its edge is
+            within it.
         drift_m: Maximum deviation of the end-effector from the line.
         turn_weight_m: Weight of an orientation error [m/rad].
         resolution_rad: Resolution of collision checks along edges (Euclidean).
@@ -56,6 +58,7 @@ class EscapeConfig:
     retreat_stride: int = 4
     margins_m: tuple[float, ...] = (0.02, 0.01, 0.003)
     touch_m: float = 0.004
+    deeper_m: float = 0.03
     drift_m: float = 0.01
     turn_weight_m: float = 0.2
     resolution_rad: float = 0.05

@@ -110,7 +110,7 @@ class FridgeConfig:
     near_first: bool = False
     plan: PlanConfig = field(
         default_factory=lambda: PlanConfig(
-            margins_m=(0.04, 0.02, 0.01, 0.003), good_rad=1.2, improve_checks=8_000
+            margins_m=(0.04, 0.02, 0.01, 0.003), good_rad=0.8, improve_checks=24_000
         )
     )
     base_poses: int = 64

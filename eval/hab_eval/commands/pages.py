@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 from hab_eval.bench.report import read_report, report_table
@@ -19,16 +19,13 @@ from hab_eval.commands.record_options import (
 from hab_eval.errors import ResultError
 from hab_eval.records.failures import check_picture, draw_failures, failure_table
 from hab_eval.records.leaderboard import (
-    AGAIN_FILE,
-    Submissions,
     default_submissions,
-    find_submissions,
     leaderboard_texts,
-    with_submission,
+    read_submissions,
 )
 from hab_eval.records.paired import difference_table, pair_of, summary
 from hab_eval.records.plain_text import show
-from hab_eval.records.results import read_runs, write_record
+from hab_eval.records.results import RunRecord, read_runs, write_record
 from hab_eval.records.status import TABLES
 from hab_eval.records.submissions import (
     check_name,
@@ -48,7 +45,7 @@ def write_tables(options: TableCommand) -> int:
     submissions = options.submissions or default_submissions()
     benchmarks = options.benchmarks or submissions.parent.parent / "benchmarks"
     target = options.out or submissions.parent / "LEADERBOARD.md"
-    found = find_submissions(submissions)
+    found = read_submissions(submissions)
     if not target.name:
         raise OptionError(f"--out {target} is a folder; give a file name.")
     if target.suffix == ".html":
@@ -86,10 +83,8 @@ def submit(options: SubmitCommand) -> int:
     folder = options.submissions or default_submissions()
     stem = check_name(options.name) if options.name is not None else submission_name(record)
     target = folder / f"{stem}.json"
-    found = with_submission(folder, target.name, record)
+    found = {**read_submissions(folder), target.name: record}
     texts = leaderboard_texts(found, folder.parent / "LEADERBOARD.md")
-    if (folder.parent / AGAIN_FILE).is_file():
-        texts[folder.parent / AGAIN_FILE] = json.dumps(found.again, indent=1) + "\n"
     _check_new(target, force=options.force)
     for path in texts:
         check_file(path, force=True)
@@ -153,7 +148,9 @@ def show_comparison(options: CompareCommand) -> int:
 BEGIN = re.compile(r"<!-- (?P<kind>status|bench): (?P<what>[^>]+?) -->\n")
 
 
-def filled(page: str, submissions: Submissions, benchmarks: Path, leaderboard: str) -> str:
+def filled(
+    page: str, submissions: Mapping[str, RunRecord], benchmarks: Path, leaderboard: str
+) -> str:
     """Regenerates the tables of a page.
 
     Args:

@@ -13,8 +13,8 @@ from hab_eval.records.leaderboard import (
     Group,
     build_groups,
     default_submissions,
-    find_submissions,
     group_title,
+    read_submissions,
 )
 from hab_eval.records.plain_text import add_row, plain, show
 from hab_eval.records.results import RunRecord
@@ -67,7 +67,7 @@ def run_one(options: RunCommand) -> int:
     show(result_table(record))
     print(f"wrote {options.out / 'run.json'}")
     folder = default_submissions()
-    others = find_submissions(folder, record.env).current if folder.is_dir() else {}
+    others = read_submissions(folder, record.env) if folder.is_dir() else {}
     groups = build_groups({**others, "this run": record})
     for table in leaderboard_tables([g for g in groups if g.title == group_title(record)]):
         show(table)

@@ -1,13 +1,12 @@
-"""Tables of docs/status.md and README.md: who solves which environment, and what is run again."""
+"""Tables of docs/status.md and README.md: who solves which environment."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from hab_eval.records import paper
 from hab_eval.records.leaderboard import (
     PRIVILEGED_MARK,
-    Submissions,
     factory_name,
     group_title,
     scenes_of,
@@ -24,7 +23,7 @@ REMOTE = "hab_eval:remote"
 """The exception: a policy in another process."""
 
 LEARNED = ("hab_ppo:", "hab_tp_srl:")
-NONE, AGAIN = "none", "to be run again"
+NONE = "none"
 
 PAPER_MISSING = "not printed"
 """The paper prints rates of Pick; those of the other skills and of tasks are bars of figures."""
@@ -39,10 +38,8 @@ BEST_COLUMNS: dict[str, Callable[[RunRecord], bool]] = {
 }
 """Title of a column -> whether a row counts there."""
 
-AGAIN_COLUMNS = ("agent", "rows", "environments", "datasets", "last run")
 
-
-def best_table(submissions: Submissions, leaderboard: str) -> str:
+def best_table(submissions: Mapping[str, RunRecord], leaderboard: str) -> str:
     """Returns the best agents of every environment, with a link to their commands.
 
     Without true state: the agent reads its observations only. Rows of the apartment come before
@@ -58,23 +55,23 @@ def best_table(submissions: Submissions, leaderboard: str) -> str:
     return _text(lines)
 
 
-def best_rows(submissions: Submissions) -> list[tuple[str, list[RunRecord | str]]]:
+def best_rows(submissions: Mapping[str, RunRecord]) -> list[tuple[str, list[RunRecord | str]]]:
     """Returns every environment with its best row of `BEST_COLUMNS`, or why there is none."""
     return [
         (env, [_best(submissions, env, counts) for counts in BEST_COLUMNS.values()])
-        for env in _environments(submissions.all.values())
+        for env in _environments(submissions.values())
     ]
 
 
-def rows_table(submissions: Submissions, leaderboard: str) -> str:
-    """Returns every current submission: agent, success, dataset, split and version."""
+def rows_table(submissions: Mapping[str, RunRecord], leaderboard: str) -> str:
+    """Returns every submission: agent, success, dataset, split and version."""
     lines = [
         ("environment", "agent", "success % (95 % interval)", "n", "dataset", "split", "version"),
         ("---",) * 7,
     ]
-    environments = _environments(submissions.current.values())
+    environments = _environments(submissions.values())
     ranked = sorted(
-        submissions.current.values(),
+        submissions.values(),
         key=lambda one: (environments.index(one.env), -one.summary.success.mean, one.seed),
     )
     for record in ranked:
@@ -94,30 +91,7 @@ def rows_table(submissions: Submissions, leaderboard: str) -> str:
     return _text(lines)
 
 
-def again_table(submissions: Submissions, leaderboard: str) -> str:
-    """Returns the submissions to be run again as a table; `leaderboard` is not used."""
-    del leaderboard
-    lines = [AGAIN_COLUMNS, ("---",) * len(AGAIN_COLUMNS)]
-    return _text([*lines, *(tuple(map(markdown, row)) for row in again_rows(submissions))])
-
-
-def again_rows(submissions: Submissions) -> list[tuple[str, ...]]:
-    """Returns the submissions to be run again, a row per agent."""
-    by_agent: dict[str, list[tuple[str, RunRecord]]] = {}
-    for name, date in submissions.again.items():
-        record = submissions.all[name]
-        by_agent.setdefault(factory_name(record), []).append((date, record))
-    rows = []
-    for agent in sorted(by_agent):
-        dates, records = zip(*by_agent[agent], strict=True)
-        names = [env.removeprefix("Hab").removesuffix("-v1") for env in _environments(records)]
-        environments = f"all {len(names)}" if len(names) == len(ENTRY_POINTS) else ", ".join(names)
-        datasets = sorted({record.scene_dataset for record in records})
-        rows.append((agent, str(len(records)), environments, ", ".join(datasets), max(dates)))
-    return rows
-
-
-TABLES = {"best": best_table, "rows": rows_table, "again": again_table}
+TABLES = {"best": best_table, "rows": rows_table}
 """Name in a page's mark -> table."""
 
 
@@ -128,18 +102,15 @@ def link(record: RunRecord, leaderboard: str) -> str:
 
 
 def _best(
-    submissions: Submissions, env: str, counts: Callable[[RunRecord], bool]
+    submissions: Mapping[str, RunRecord], env: str, counts: Callable[[RunRecord], bool]
 ) -> RunRecord | str:
-    """Returns the best current row, else why there is none."""
-    own = {
-        name: record
-        for name, record in submissions.all.items()
+    """Returns the best row, else that there is none."""
+    own = [
+        record
+        for record in submissions.values()
         if record.env == env and _competes(record) and counts(record)
-    }
-    current = [record for name, record in own.items() if name not in submissions.again]
-    if current:
-        return max(current, key=_goodness)
-    return AGAIN if own else NONE
+    ]
+    return max(own, key=_goodness, default=NONE)
 
 
 def _competes(record: RunRecord) -> bool:

@@ -15,10 +15,10 @@ from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 
 from hab_eval.errors import ResultError
-from hab_eval.records.leaderboard import Submissions, default_submissions, find_submissions
+from hab_eval.records.leaderboard import default_submissions, read_submissions
 from hab_eval.records.plain_text import plain
-from hab_eval.records.results import read_runs
-from hab_eval.records.status import again_rows, best_rows
+from hab_eval.records.results import RunRecord, read_runs
+from hab_eval.records.status import best_rows
 from hab_eval.site.agents import Card, agent_pages, read_cards, read_studies
 from hab_eval.site.breakdown import Receptacles, read_receptacles
 from hab_eval.site.comparison import comparison_sets
@@ -140,8 +140,7 @@ def _read(options: SiteOptions) -> Site:
     checkout = options.checkout or Path(__file__).resolve().parents[3]
     if not os.path.isdir(checkout):  # unlike Path.is_dir, False for an invalid name
         raise OptionError(f"--checkout {checkout}: not a folder; give a clone of the repository.")
-    found, folders_of = _runs(options) if options.runs else _submissions(options)
-    records = found.current
+    records, folders_of = _runs(options) if options.runs else _submissions(options)
     entries = make_entries(records)
     folders = folders_of(entries)
     by_folder = [(entry, folders[entry.name]) for entry in entries if entry.name in folders]
@@ -157,23 +156,22 @@ def _read(options: SiteOptions) -> Site:
         videos={entry.name: videos_in(folder, entry) for entry, folder in by_folder},
         views={entry.name: views_in(folder, entry) for entry, folder in by_folder},
         docs=checkout / "docs",
-        best=best_rows(found),
-        again=again_rows(found),
+        best=best_rows(records),
     )
 
 
 Folders = Callable[[Sequence[Entry]], dict[str, Path]]
 
 
-def _submissions(options: SiteOptions) -> tuple[Submissions, Folders]:
+def _submissions(options: SiteOptions) -> tuple[dict[str, RunRecord], Folders]:
     folder = options.submissions or default_submissions()
-    found = find_submissions(folder)
-    if not found.current:
+    found = read_submissions(folder)
+    if not found:
         raise ResultError(f"{folder}: no submissions; hab-eval submit adds one.")
     return found, partial(find_folders, options.videos)
 
 
-def _runs(options: SiteOptions) -> tuple[Submissions, Folders]:
+def _runs(options: SiteOptions) -> tuple[dict[str, RunRecord], Folders]:
     """Returns runs as submissions, by the names of their folders."""
     if options.submissions or options.videos:
         raise OptionError("give runs, or --submissions and --videos, not both.")
@@ -183,9 +181,7 @@ def _runs(options: SiteOptions) -> tuple[Submissions, Folders]:
         raise OptionError(f"two runs are named {min(twice)!r}; rename one of the folders.")
     records = {f"{n}.json": run for n, run in zip(names, read_runs(folders), strict=True)}
     by_name = dict(zip(names, folders, strict=True))
-    return Submissions(all=records, again={}), lambda entries: {
-        entry.name: by_name[entry.name] for entry in entries
-    }
+    return records, lambda entries: {entry.name: by_name[entry.name] for entry in entries}
 
 
 def _write_static(folder: Path) -> None:

@@ -11,7 +11,7 @@ from typing import Any
 from hab_eval.records import paper
 from hab_eval.records.leaderboard import FEW_EPISODES
 from hab_eval.records.results import RunRecord, highlights, outcome_of
-from hab_eval.records.status import AGAIN_COLUMNS, BEST_COLUMNS
+from hab_eval.records.status import BEST_COLUMNS
 from hab_eval.site.agents import AgentPage, Study
 from hab_eval.site.breakdown import Receptacles, by_layout, by_receptacle, histogram
 from hab_eval.site.comparison import ComparisonSet
@@ -72,7 +72,6 @@ class Site:
         views: Name of a submission -> its pages in 3-D.
         docs: Folder of the datasets' figures.
         best: Environment -> its best results, as `hab_eval.records.status.best_rows`.
-        again: Submissions to be run again, as `hab_eval.records.status.again_rows`.
     """
 
     entries: Sequence[Entry]
@@ -85,7 +84,6 @@ class Site:
     views: Mapping[str, Sequence[View]]
     docs: Path
     best: Sequence[tuple[str, Sequence[RunRecord | str]]] = ()
-    again: Sequence[tuple[str, ...]] = ()
 
     @functools.cached_property
     def agent_slugs(self) -> dict[str, str]:
@@ -142,8 +140,6 @@ def _leaderboard(site: Site) -> Page:
             "entries": site.entries,
             "filters": filters,
             "few_episodes": FEW_EPISODES,
-            "again_columns": AGAIN_COLUMNS,
-            "again": site.again,
         },
         data={entry.slug: _rerun(entry) for entry in site.entries},
     )

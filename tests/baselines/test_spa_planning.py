@@ -86,14 +86,27 @@ def test_paths_into_a_shelf_are_free_edge_by_edge_and_depend_on_the_seed_only(sh
     assert results[0].checks == results[2].checks
 
 
+class Split(ArmCollision):
+    """The shoulder cannot pass through a band of its range: the ends are not connected."""
+
+    def free_until(self, poses):
+        free = super().free_until(poses)
+        return next((i for i in range(free) if abs(poses[i, 0] - 0.3) <= 0.1), free)
+
+
+def test_attempts_that_spend_no_checks_end(table_scene):
+    class Blocked(OmplPlanner):
+        connect = staticmethod(lambda *arguments: None)  # as from an end that is in contact
+
+    collision = Split(FETCH, table_scene.privileged("target"))
+    goal = REST + np.eye(7)[0] * 1.2
+    config = PlanConfig(time_limit_s=20.0)
+    result = Blocked().plan(REST, goal[None], collision, seed=0, limits=config)
+    assert (result.failure, result.stopped_by) == (Failure.MOTION_PLAN, "checks")
+    assert result.seconds < 20.0
+
+
 def test_time_limit_is_honoured_and_a_motion_plan_failure(table_scene):
-    class Split(ArmCollision):
-        """The shoulder cannot pass through a band of its range: the ends are not connected."""
-
-        def free_until(self, poses):
-            free = super().free_until(poses)
-            return next((i for i in range(free) if abs(poses[i, 0] - 0.3) <= 0.1), free)
-
     collision = Split(FETCH, table_scene.privileged("target"))
     goal = REST + np.eye(7)[0] * 1.2
     # A fast machine makes the usual number of checks in less than that time.

@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cache
-from itertools import count, pairwise, product
+from itertools import pairwise, product
 
 import numpy as np
 from hab_plans.motion import Failure
@@ -228,7 +228,8 @@ class _Search:
             yield _Attempt(margin_m, pair, retreats_, range_rad=0.0, checks=0)
         # Once only, as its small range rarely pays in tight places (`PlanConfig`).
         yield _Attempt(margins_m[0], 0, False, config.range_rad, config.first_checks)
-        for power in count():
+        # Not without end, as attempts from a blocked end spend no checks.
+        for power in range(1 + (config.most_checks // config.first_checks).bit_length()):
             # A hard problem gets a long run, but only after short ones have failed.
             checks = config.first_checks * 2**power
             for margin_m in margins_m:

@@ -66,11 +66,11 @@ def write_submissions(folder: Path) -> Path:
             split="train",
             **pick,
         ),
-        "tp_spa-tidy_house-apartment-seed5": record_of(
+        "tp_spa_priv-tidy_house-apartment-seed5": record_of(
             [None, "motion plan", None],
             stages=("pick_1", "place_1"),
-            name="TP+SPA",
-            agent="hab_spa:tp_spa",
+            name="TP+SPA-Priv",
+            agent="hab_spa:tp_spa_priv",
             env="HabTidyHouse-v1",
             seed=5,
         ),

@@ -1,11 +1,8 @@
 """The scene as estimated by SPA: obstacles and object positions."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from hab_spa.planning.ik import BatchArm
-from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.seen_config import SeenConfig
 from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.seen_shelves import are_parted
@@ -82,24 +79,6 @@ def test_nothing_is_grasped_through_a_shelf():
     )
     body, _ = bodies(1)
     assert are_parted(hands_m, bowl_m, body, np.eye(4)).tolist() == [False, True]
-
-
-def test_what_lies_in_a_drawer_is_believed_to_move_with_it(make_scene, drawer_at):
-    made = make_scene()
-    made.add_box("cabinet/drawer", "furniture", (1.0, 0.0, 0.5), (0.6, 0.4, 0.2))
-    made.add_box("content", "object", (1.2, 0.1, 0.45), (0.04, 0.04, 0.04))
-    closed = drawer_at("cabinet/drawer", (0.7, 0.0, 0.5), 0.5)
-    told = replace(made.privileged("content"), articulations=(closed,))
-    # The drawer reaches from x = 0.7 to 1.3: the first object is in it, the second on top.
-    starts_m = np.array(((1.2, 0.1, 0.45), (1.2, 0.1, 0.65)))
-    places = KnownPositions(starts_m, starts_m + 1.0, told)
-    handle_m = np.array((0.3, 0.0, 0.5))
-    opened = replace(told, articulations=(replace(closed, joint=0.4, handle_m=handle_m),))
-    np.testing.assert_allclose(places.object_m(0, told), starts_m[0])
-    np.testing.assert_allclose(places.object_m(0, opened), (0.8, 0.1, 0.45))  # it opens along -x
-    np.testing.assert_allclose(places.object_m(1, opened), starts_m[1])
-    places.lies_at(0, np.array((3.0, 0.0, 0.8)))
-    np.testing.assert_allclose(places.object_m(0, told), (3.0, 0.0, 0.8))
 
 
 def test_the_box_of_a_held_object_is_as_it_stood_when_it_was_picked():

@@ -29,7 +29,7 @@ def test_entries_are_in_the_order_of_the_registry_then_by_success():
         "e.json": record_of([None], env="Another-v1"),
     }
     assert [entry.name for entry in make_entries(records)] == ["d", "b", "a", "c", "e"]
-    learned = {"agent": "hab_spa:tp_spa", "options": {"navigation": "hab_ppo:navigate"}}
+    learned = {"agent": "hab_spa:tp_spa_priv", "options": {"navigation": "hab_ppo:navigate"}}
     assert kinds_of(record_of([None], **learned)) == ("learned", "planned")
     assert kinds_of(record_of([None], agent="mine:agent")) == ("other",)
 

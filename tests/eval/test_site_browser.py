@@ -27,9 +27,9 @@ PLAYED = """(video) => new Promise((done) => {
   video.addEventListener("ended", () => done(video.currentTime));
   video.play();
 })"""
-TEMPLATES = f"""index leaderboard runs/{SPA} runs/tp_spa-tidy_house-apartment-seed5 compare/index
-    agents/index compare/HabPick-v1-apartment-val-seed-0 agents/hab_ppo-pick_blind datasets/index
-    datasets/apartment paper""".split()
+TEMPLATES = f"""index leaderboard runs/{SPA} compare/index agents/index
+    runs/tp_spa_priv-tidy_house-apartment-seed5 compare/HabPick-v1-apartment-val-seed-0
+    agents/hab_ppo-pick_blind datasets/index datasets/apartment paper""".split()
 
 
 class _Quiet(SimpleHTTPRequestHandler):

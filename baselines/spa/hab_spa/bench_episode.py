@@ -85,7 +85,6 @@ EPISODES = (
     ),
     Timed(agent="spa", env="HabPick-v1", options=BATCHED, episodes=5),
     Timed(agent="tp_spa_priv", env="HabSetTable-v1", options=BATCHED, episodes=2, bound_s=12.0),
-    Timed(agent="tp_spa", env="HabTidyHouse-v1", options=BATCHED, episodes=2, bound_s=25.0),
 )
 
 

@@ -1,4 +1,4 @@
-"""Factories of TP+SPA-Priv and TP+SPA: task plans executed by sense-plan-act (S 5, H.1)."""
+"""Factory of TP+SPA-Priv: task plans executed by sense-plan-act (S 5, H.1)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,11 @@ from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
 from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned
-from hab_spa.agents.skill_agents import pick_seen, place_seen, spa_config
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PLANNERS
-from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import Folding, OracleNavigator, PolicyNavigator, navigator_of
-from hab_spa.tasks.planned_skills import SKILLS, guided
+from hab_spa.tasks.planned_skills import SKILLS
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
@@ -60,36 +58,6 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         files=_files(navigator),
     )
     return SpaAgent(setup, spec, TrueScene, behave, planned(setup))
-
-
-def tp_spa(setup: AgentSetup) -> SpaAgent:
-    """Returns TP+SPA: executes the task's plan with perception from depth images.
-
-    The ground-truth state is used only for oracle navigation and for the poses of doors and
-    drawers, on which S App. D is silent. The options are those of `tp_spa_priv`.
-
-    Raises:
-        HabError: The environment is not a task, or an option is unknown.
-    """
-    env_id, config = _asked(setup)
-    navigator, own = navigator_of(setup), _own_skills(setup, env_id)
-
-    def behave(robot: Robot) -> Motion:
-        scene = robot.scene
-        assert isinstance(scene, SeenShelves)
-        guide = Robot(scene.truth, robot.config, seed=robot.next_seed(), deadline=robot.deadline)
-        skills = guided(guide, {"pick": pick_seen, "place": place_seen})
-        return _run(env_id, robot, skills, own, navigator, config)
-
-    spec = AgentSpec(
-        name=_name("TP+SPA", setup),
-        control_mode=control_mode(env_id, setup.options),
-        obs_mode="depth",
-        looks="on demand",
-        privileged=True,
-        files=_files(navigator),
-    )
-    return SpaAgent(setup, spec, SeenShelves, behave, spa_config(setup))
 
 
 def _run(

@@ -14,7 +14,7 @@ from hab_spa.planning.ik import BatchArm
 from hab_spa.planning.joint_goal import sphere_m
 from hab_spa.scenes.scene import KnownPositions
 from hab_spa.scenes.seen_config import SeenConfig
-from hab_spa.scenes.true_scene import TrueScene, standing_at
+from hab_spa.scenes.true_scene import standing_at
 from hab_spa.sensing.cloud import DepthView, world_from_base
 from hab_spa.sensing.fitted_box import (
     HELD,
@@ -53,9 +53,6 @@ class SeenScene:
     Attributes:
         risk_level: Raised when planning fails. 0: unseen space is occupied; 1: it is free; 2:
             also, obstacles that were only felt are free, and the held object is small.
-        truth: Ground-truth scene, from the privileged group.
-
-    Doors, drawers and oracle navigation's floor are of the privileged group (S App. D is silent).
     """
 
     place_error_m = 0.0
@@ -63,7 +60,7 @@ class SeenScene:
     def __init__(self, robot: RobotSpec, config: SeenConfig | None = None) -> None:
         """Creates the scene of one row."""
         self.robot, self.config, self._own = robot, config or SeenConfig(), own_shapes(robot)
-        self._arm, self.truth = BatchArm(robot), TrueScene(robot)
+        self._arm = BatchArm(robot)
         self.forget()
 
     def forget(self) -> None:
@@ -84,12 +81,10 @@ class SeenScene:
         self._pose: Array | None = None
         self._looked = False
         self._arm_rad = np.asarray(obs["agent"]["arm_qpos"][row], dtype=float)
-        if "privileged" in obs:
-            self.truth.see(obs, row)
         holding = bool(obs["agent"]["is_holding"][row, 0] > 0.5)
         if self._places is None:
             self._places = KnownPositions.read(
-                obs, row, self.world_from_base, self._world_from_ee(), self._true_state()
+                obs, row, self.world_from_base, self._world_from_ee()
             )
             self._held = 0 if holding else None
         elif holding and not self._was_holding:
@@ -115,12 +110,7 @@ class SeenScene:
     def world_from_base(self) -> Array:
         """(4, 4) pose of the base frame, from perfect localization."""
         if self._pose is None:
-            privileged = "privileged" in self._obs
-            self._pose = (
-                self.truth.world_from_base
-                if privileged
-                else world_from_base(self.robot, self._obs, self._row)
-            )
+            self._pose = world_from_base(self.robot, self._obs, self._row)
         return self._pose
 
     @property
@@ -134,7 +124,7 @@ class SeenScene:
 
     def object_m(self, number: int) -> Array:
         """Returns the believed position (3,) of an object; see `KnownPositions`."""
-        return self._known.object_m(number, self._true_state())
+        return self._known.objects_m[number]
 
     def goal_m(self, number: int) -> Array:
         """Returns its goal (3,)."""
@@ -180,17 +170,17 @@ class SeenScene:
         return np.zeros(3) if self._hand is None else self._hand.ee_from_box[:3, 3]
 
     def articulation(self, number: int) -> ArticulationState:
-        """Returns a door or drawer of the episode."""
-        return self.truth.articulation(number)
+        """Returns a door or drawer of the episode; those of Pick and Place are not looked for."""
+        raise NotImplementedError
 
     opening = known_opening
 
     def missed(self) -> None:
-        """Does nothing: where handles are is told."""
+        """Does nothing: Pick and Place grasp no handle."""
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
-        """Returns the ground-truth floor map, for oracle navigation."""
-        return self.truth.floor_map(joints)
+        """Returns the map of the floor; Pick and Place stay where they are."""
+        raise NotImplementedError
 
     def look(self) -> None:
         """Adds the current camera images to the map."""
@@ -346,14 +336,9 @@ class SeenScene:
             goals_m=np.zeros((0, 3)),
         )
 
-    def _true_state(self) -> PrivilegedState | None:
-        """Returns the ground-truth state, if observed."""
-        return self.truth.state if "privileged" in self._obs else None
-
     def _articulations(self) -> tuple[ArticulationState, ...]:
-        """Returns the doors and drawers of the episode, if observed."""
-        state = self._true_state()
-        return () if state is None else state.articulations
+        """Returns the doors and drawers that were found."""
+        return ()
 
     @property
     def _known(self) -> KnownPositions:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from itertools import product
 
@@ -116,15 +116,12 @@ class PlannedSkill:
         motion: Starts the skill.
         base_poses: (robot, number, map) -> candidate base poses (K, 3), best first.
         score: (robot, number, map) -> scoring function of base poses.
-        guide: Robot whose scene is used to choose base poses, e.g. with ground truth; None for the
-            robot that acts.
         standing: Parameters of base pose selection.
     """
 
     motion: SkillMotion
     base_poses: Callable[[Robot, int, NavigationMap], Array]
     score: Callable[[Robot, int, NavigationMap], Score]
-    guide: Robot | None = None
     standing: StandingConfig = field(default_factory=StandingConfig)
 
     name = "spa_priv"
@@ -137,10 +134,9 @@ class PlannedSkill:
 
     def base_pose(self, robot: Robot, stage: Stage, tried: Sequence[BasePose]) -> BasePose | None:
         """Returns the base pose with the best score, apart from those tried."""
-        guide, number, map_ = self.guide or robot, stage.number, robot.scene.floor_map()
-        guide.held_up = robot.held_up
-        poses, score = self.base_poses(guide, number, map_), self.score(guide, number, map_)
-        return choose(guide, poses, score, tried, self.standing)
+        number, map_ = stage.number, robot.scene.floor_map()
+        poses, score = self.base_poses(robot, number, map_), self.score(robot, number, map_)
+        return choose(robot, poses, score, tried, self.standing)
 
     def start_of(self, robot: Robot, stage: Stage) -> None:
         """Returns None: planning knows no training."""
@@ -196,18 +192,3 @@ SKILLS = {
     },
 }
 """Skill -> provider, with ground truth."""
-
-
-def guided(
-    guide: Robot, motions: dict[str, Callable[[Robot, int], Motion]]
-) -> dict[str, PlannedSkill]:
-    """Returns the skills of a robot that senses, with a guide that has ground truth.
-
-    Args:
-        guide: The guide.
-        motions: Skill -> motion, where it is another one.
-    """
-    return {
-        name: replace(skill, guide=guide, motion=motions.get(name, skill.motion))
-        for name, skill in SKILLS.items()
-    }

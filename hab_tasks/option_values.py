@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import fields
 from operator import index
 from os import PathLike
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
 from hab_tasks import typed_values
-from hab_tasks.errors import OptionError
+from hab_tasks.errors import OptionError, UnknownNameError
+
+T = TypeVar("T")
 
 LARGEST_SEED = 2**63 - 1
 """Largest seed accepted by all random number generators."""
@@ -78,6 +81,24 @@ def entries(option: str, value: Any) -> dict[str, Any]:
     if value is not None and not isinstance(value, Mapping):
         raise OptionError.of_value(option, value, "a dict, or None")
     return dict(value or {})
+
+
+def settings(option: str, value: Any, kind: type[T]) -> T | None:
+    """Returns a dataclass, from one or from a mapping of its attributes as in JSON; None for None.
+
+    Raises:
+        UnknownNameError: The mapping has an unknown attribute.
+        OptionError: Any other type.
+    """
+    if value is None or isinstance(value, kind):
+        return value
+    known = [field.name for field in fields(cast(Any, kind))]
+    if not isinstance(value, Mapping):
+        raise OptionError.of_value(option, value, f"None, {kind.__name__} or a dict of {known}")
+    for name in value:
+        if name not in known:
+            raise UnknownNameError(f"entry of {option}", name, known)
+    return kind(**value)
 
 
 def seeds(option: str, value: Any, count: int) -> None:

@@ -30,6 +30,7 @@ __all__ = [
     "cameras_by_name",
     "change_cameras",
     "convert_observation_to_space",
+    "move_camera",
     "parse_obs_mode_to_struct",
     "parse_sim_and_render_backend",
     "rigid_body",
@@ -58,6 +59,14 @@ def cameras_by_name(cameras: Any) -> dict[str, Any]:
     """Returns one camera, several, or a dict of them, as ManiSkill's classes define them."""
     (parse,) = (getattr(camera, name) for name in _SENSOR_PARSERS if hasattr(camera, name))
     return parse(cameras)
+
+
+def move_camera(sensor: Any, local_pose: Any) -> None:
+    """Moves a sensor camera to a pose in the frame of its mount; its settings stay as they are."""
+    # One without a renderer is its own camera.
+    rendered = sensor.camera._render_cameras if hasattr(sensor, "camera") else [sensor]
+    for each in rendered:
+        each.local_pose = local_pose
 
 
 def use_settings(config: SimConfig) -> None:

@@ -17,6 +17,7 @@ from hab_tasks.engine.episode_start import apply_episode, check_entries, check_i
 from hab_tasks.engine.goals import Goals, GoalSetting, Requirements, handles_of
 from hab_tasks.engine.ground_truth import GroundTruth
 from hab_tasks.engine.noise import NoiseSource, SensorNoise
+from hab_tasks.engine.perturbation import Perturbation
 from hab_tasks.engine.recorded_state import START_ITS_EPISODE
 from hab_tasks.engine.snapshot import ContactForce, Snapshot, SnapshotReader
 from hab_tasks.episodes.schema import Episode
@@ -57,6 +58,7 @@ class EpisodeSimulation:
         grasp: What the robot holds.
         delay: Delays the actions; None without delay.
         noise: Noise of the sensors; None without noise.
+        perturbation: Perturbation of cameras, friction, light and clutter.
         rows: The rows that this simulation belongs to.
         row: Its number among them.
         targets: (K,) grasp index of each object to rearrange.
@@ -87,10 +89,11 @@ class EpisodeSimulation:
         prefetch: bool,
         delay_steps: int,
         noise: SensorNoise | Mapping[str, float] | None,
+        perturbation: Perturbation,
     ) -> None:
         """Runs episodes of `source`; with `prefetch`, preloads all its layouts."""
         self.robot, self.requirements, self.source = robot, requirements, source
-        self._prefetch = prefetch
+        self.perturbation, self._prefetch = perturbation, prefetch
         whole("num_episodes", num_episodes, 1, UNLIMITED)
         flag("prefetch", prefetch)
         # A bad file is refused before anything is built.
@@ -137,8 +140,9 @@ class EpisodeSimulation:
     def build(self, scene: ManiSkillScene, agent: MobileManipulator, lit: bool) -> None:
         """Builds a new simulation in the layout of the chosen episode, with lamps if `lit`."""
         self._scene, self._agent = scene, agent
-        self._pool = BodyPool(scene, self.source.objects)
-        self._lights = LayoutLights(scene) if lit else None
+        perturbed = self.perturbation
+        self._pool = BodyPool(scene, self.source.objects, friction=perturbed.friction)
+        self._lights = LayoutLights(scene, perturbed.light) if lit else None
         self.delay = ActionDelay(self._delay_steps, agent.controller) if self._delay_steps else None
         if self._prefetch:
             for scene_id in self.source.scene_ids():

@@ -25,6 +25,7 @@ from hab_tasks.engine.inherited_options import check_inherited
 from hab_tasks.engine.measures import Measures
 from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.engine.observing_env import ObservingEnv
+from hab_tasks.engine.perturbation import Perturbation
 from hab_tasks.engine.recorded_state import from_flat, shaped_like, with_columns, words_of
 from hab_tasks.engine.rows import Rows
 from hab_tasks.engine.rules import Rules
@@ -36,7 +37,7 @@ from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of, registered_id
 from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.control_modes import nearest_mode
-from hab_tasks.robots.spec import RobotSpec, agent_class, robot_of
+from hab_tasks.robots.spec import RobotSpec, requested_robot
 from hab_tasks.world.scenes.physics import sim_config
 
 
@@ -65,15 +66,15 @@ class HabEnv(ObservingEnv):
             the axes of the base, as in ``ee`` actions (Navigate: the point in the base frame);
             ``ee``: the target in the end-effector's frame, as in Habitat. Tasks support ``base``
             only.
-        handle_position: True adds the door's or drawer's handle, along the axes of the base.
+        handle_position: Adds the door's or drawer's handle, along the axes of the base.
         targets: ``language`` leaves out every position of an object, goal, handle or receptacle.
         instructions: ``fixed`` or ``varied`` (`hab_tasks.instructions`).
         skill_config: Overrides of reward weights and thresholds by name, e.g.
             ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
             with the skill: ``pick.weights.force``.
-        sensor_noise: None, a `SensorNoise`, or a dict of its attributes (JSON-serialisable). The
-            noise is seeded by the episode.
+        sensor_noise: None, a `SensorNoise`, or a dict of its attributes; seeded by the episode.
         action_delay_steps: Delay of actions in steps (S F.5); at first the robot stands still.
+        perturbation: None, a `Perturbation`, or a dict of its attributes.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
             `auto` does so unless colour is observed. A `render_mode` needs a renderer in any case.
@@ -117,26 +118,35 @@ class HabEnv(ObservingEnv):
         skill_config: Mapping[str, float] | None = None,
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
+        perturbation: Perturbation | Mapping[str, float] | None = None,
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        self.robot = _robot(kwargs.pop("robot_uids", None), self.robot)
-        check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, kwargs)
+        self.robot = requested_robot(kwargs.pop("robot_uids", None), self.robot)
+        kwargs = self._known(kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
         kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
-        kwargs["control_mode"] = self.known_mode(kwargs.get("control_mode"))
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
         options = num_episodes, prefetch, action_delay_steps, sensor_noise
-        self.simulation = self._simulated(where | of, *options)
+        self.simulation = self._simulated(where | of, Perturbation.of(perturbation), *options)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
 
-    def _simulated(self, request: dict[str, Any], *options: Any) -> EpisodeSimulation:
+    def _known(self, options: dict[str, Any]) -> dict[str, Any]:
+        """Returns ManiSkill's options, checked, with a valid control mode."""
+        check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, options)
+        return {**options, "control_mode": self.known_mode(options.get("control_mode"))}
+
+    def _simulated(
+        self, request: dict[str, Any], perturbation: Perturbation, *options: Any
+    ) -> EpisodeSimulation:
         """Returns the simulation of requested episodes."""
-        where = EpisodeRequest(**request, env_id=registered_id(type(self)), robot=self.robot.uid)
-        simulation = EpisodeSimulation(self.robot, self.requirements, open_source(where), *options)
+        request |= {"env_id": registered_id(type(self)), "clutter": perturbation.clutter}
+        source = open_source(EpisodeRequest(**request, robot=self.robot.uid))
+        options = *options, perturbation
+        simulation = EpisodeSimulation(self.robot, self.requirements, source, *options)
         Rows([simulation], self.rules_of)  # kept by the simulation, until a worker joins it
         return simulation
 
@@ -298,6 +308,7 @@ class HabEnv(ObservingEnv):
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         self.simulation.apply()
+        self._begin_observing()
         self.rows.begin(self.simulation.row)
         self.__dict__.pop("segmentation_id_map", None)  # cached; the bodies may have changed
 
@@ -385,11 +396,3 @@ class HabEnv(ObservingEnv):
         self.simulation.thaw()
         super().set_state_dict(simulator)
         rows.set_state(row, kept)
-
-
-def _robot(uids: Any, default: RobotSpec) -> RobotSpec:
-    """Returns the robot of ManiSkill's option, a uid or, in recorded options, a list of one."""
-    uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
-    robot = default if uid is None else robot_of(uid)
-    agent_class(robot)  # registers it with ManiSkill
-    return robot

@@ -11,8 +11,8 @@ from torch import Tensor
 
 from hab_tasks.arrays import Floats
 from hab_tasks.engine.recorded_state import joined, words_of
-from hab_tasks.errors import OptionError, UnknownNameError
-from hab_tasks.option_values import number
+from hab_tasks.errors import OptionError
+from hab_tasks.option_values import number, settings
 
 Images = dict[str, dict[str, Tensor]]
 
@@ -52,17 +52,7 @@ class SensorNoise:
             UnknownNameError: The mapping has an unknown attribute.
             OptionError: Invalid type, or a value that is not a standard deviation.
         """
-        if noise is None or isinstance(noise, SensorNoise):
-            return noise
-        names = [field.name for field in fields(cls)]
-        if not isinstance(noise, Mapping):
-            raise OptionError.of_value(
-                "sensor_noise", noise, f"None, SensorNoise or a dict of {names}"
-            )
-        for name in noise:
-            if name not in names:
-                raise UnknownNameError("entry of sensor_noise", name, names)
-        return cls(**noise)
+        return settings("sensor_noise", noise, cls)
 
 
 class NoiseSource:

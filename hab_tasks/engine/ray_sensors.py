@@ -15,10 +15,15 @@ from torch import Tensor
 
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.noise import Images
-from hab_tasks.robots.cameras import hidden_links
+from hab_tasks.robots.cameras import (
+    cv_from_world_of,
+    hidden_links,
+    pose_params,
+    specified_pose,
+)
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import change_cameras, sapien_object
-from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene, cv_from_world
+from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene
 from hab_tasks.world.scenes.visuals import (
     furniture_visuals,
     stage_visuals,
@@ -57,10 +62,6 @@ def visible_bodies(
             yield RayBody(name=name, visuals=of_link[link.name], entity=entity)
 
 
-_GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
-"""OpenGL's camera frame: x right, y up, z backwards."""
-
-
 class RayCamera(Camera):
     """A depth camera with the parameters of ManiSkill's, but without a renderer."""
 
@@ -69,29 +70,20 @@ class RayCamera(Camera):
         BaseSensor.__init__(self, config)
         self.config = config
         self.entity = config.mount
-        local: Any = config.pose
-        self._mount_from_camera = local.sp
+        self.local_pose = specified_pose(self)
         self.pinhole = pinhole_of(config)
 
     def cv_from_world(self) -> np.ndarray:
         """Returns the world's current pose (4, 4) in the camera's frame: x right, y down."""
-        mounted: Any = self.entity
-        if mounted is None:
-            return cv_from_world(self._mount_from_camera)
-        return cv_from_world(sapien_object(mounted).entity.pose * self._mount_from_camera)
+        return cv_from_world_of(self, self.local_pose)
 
     def get_params(self) -> dict[str, Tensor]:
         """Returns the current matrices: (1, 3, 4), (1, 4, 4) and (1, 3, 3) float32."""
-        extrinsic = self.cv_from_world()
         intrinsic = np.eye(3)
         intrinsic[[0, 1], [0, 1]] = self.pinhole.focal_px
         intrinsic[:2, 2] = self.pinhole.centre_px
-        matrices = {
-            "extrinsic_cv": extrinsic[:3],
-            "cam2world_gl": np.linalg.inv(_GL_FROM_CV @ extrinsic),
-            "intrinsic_cv": intrinsic,
-        }
-        return {name: torch.from_numpy(m.astype("f4"))[None] for name, m in matrices.items()}
+        told = {"intrinsic_cv": torch.from_numpy(intrinsic.astype("f4"))[None]}
+        return {**pose_params(self, self.local_pose), **told}
 
 
 class RaySensors:

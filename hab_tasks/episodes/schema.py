@@ -311,6 +311,7 @@ class EpisodeRequest:
         novel: ``objects`` or ``receptacles``: use those held out for evaluation (S E.1); None for
             the training objects and the skill's own receptacles.
         robot: ManiSkill's uid of the robot.
+        clutter: Number of objects that are added to generated episodes, where there is room.
     """
 
     env_id: str
@@ -322,6 +323,7 @@ class EpisodeRequest:
     seed: int = 0
     novel: str | None = None
     robot: str = DEFAULT_ROBOT.uid
+    clutter: int = 0
 
     def __post_init__(self) -> None:
         """Rejects values of a wrong type."""

@@ -12,13 +12,14 @@ from collections import Counter
 from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import closing, contextmanager, suppress
 from contextvars import ContextVar
-from dataclasses import asdict, astuple
+from dataclasses import asdict, astuple, replace
 from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
 from hab_tasks.episodes.generators import base
 from hab_tasks.episodes.generators.base import Made, Objects
+from hab_tasks.episodes.generators.crowded import crowded
 from hab_tasks.episodes.generators.rearrange import Rearrange
 from hab_tasks.episodes.made_files import SharedEpisodes
 from hab_tasks.episodes.schema import (
@@ -32,7 +33,7 @@ from hab_tasks.episodes.schema import (
     stable_hash,
     write_episodes,
 )
-from hab_tasks.errors import EpisodeError, FileError, UnknownNameError
+from hab_tasks.errors import EpisodeError, FileError, OptionError, UnknownNameError
 from hab_tasks.io.cache import find, read_cached, write_cached
 from hab_tasks.io.executors import Executor, LocalExecutor, Task
 from hab_tasks.object_names import TRAIN_OBJECTS, UNSEEN_OBJECTS
@@ -89,11 +90,15 @@ class EpisodeSource:
             check_made_from(str(self.file), self.dataset.name, given.made_from, self.made_from)
         self._request, self._folder = request, folder
         self.seed, self.novel = request.seed, request.novel
+        if request.clutter and given is not None:
+            raise OptionError.of_value("clutter", request.clutter, "0 with an episode file")
         others = {self.novel, request.robot} - {None, EpisodeRequest.robot}
+        others |= {f"clutter{request.clutter}"} if request.clutter else set()
         self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
         self._generator: base.Generator | None = None
+        self._plain: EpisodeSource | None = None
         self._episodes: dict[int, Episode] = {}
         self._included: dict[int, Episode] = {}
         self._scenes: dict[str, SceneSpec] = {}
@@ -289,12 +294,21 @@ class EpisodeSource:
         """Generates an episode, even if it already exists."""
         if self._generator is None:
             self._generator = self._new_generator()
+        if self._request.clutter:
+            return self._crowded(self._generator, index)
         split = self.split + self._variant
         return self._generator.generate(
             f"{self.env_id}/{self.dataset.name}/{split}/{self.seed}/{index:05d}",
             (stable_hash(self.dataset.name, split, self.env_id), self.seed, index),
             self._first_layout(index),
         )
+
+    def _crowded(self, generator: base.Generator, index: int) -> Made:
+        """Generates an episode with objects added to the one without."""
+        if self._plain is None:
+            self._plain = open_source(replace(self._request, clutter=0))
+        episode, count = self._plain.get(index), self._request.clutter
+        return crowded(generator, episode, count, (episode.seed, count))
 
     def _first_layout(self, index: int) -> str | None:
         """Returns the layout of an episode in a folder of layouts, which are used in turn."""

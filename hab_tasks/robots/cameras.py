@@ -7,16 +7,21 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+import numpy as np
 import sapien
+import torch
 from mani_skill.sensors.camera import CameraConfig
 from mani_skill.utils.sapien_utils import look_at
 from mani_skill.utils.structs import Link
+from torch import Tensor
 
 from hab_tasks import option_values
+from hab_tasks.arrays import Floats
 from hab_tasks.constants import CAMERA_DEPTH_MAX_M, CAMERA_HFOV_RAD, CAMERA_SIZE_PX
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.robots.spec import CameraPlace, RobotSpec
 from hab_tasks.simulator import sapien_object
+from hab_tasks.world.raycast.scene import cv_from_world
 
 
 def camera_pose(place: CameraPlace) -> sapien.Pose:
@@ -24,6 +29,29 @@ def camera_pose(place: CameraPlace) -> sapien.Pose:
     if place.target_m is None:
         return sapien.Pose(list(place.position_m))
     return look_at(place.position_m, place.target_m).sp
+
+
+GL_FROM_CV = np.diag([1.0, -1.0, -1.0, 1.0])
+"""OpenGL's camera frame: x right, y up, z backwards."""
+
+
+def specified_pose(camera: Any) -> sapien.Pose:
+    """Returns a camera's pose of its settings, in the frame of its mount, if it has one."""
+    return camera.config.pose.sp
+
+
+def cv_from_world_of(camera: Any, local_pose: sapien.Pose) -> Floats:
+    """Returns the world's current pose (4, 4) in a camera's frame, if it is at `local_pose`."""
+    if camera.entity is None:
+        return cv_from_world(local_pose)
+    return cv_from_world(sapien_object(camera.entity).entity.pose * local_pose)
+
+
+def pose_params(camera: Any, local_pose: sapien.Pose) -> dict[str, Tensor]:
+    """Returns ManiSkill's matrices (1, 3, 4) and (1, 4, 4) of a camera at `local_pose`."""
+    extrinsic = cv_from_world_of(camera, local_pose)
+    found = {"extrinsic_cv": extrinsic[:3], "cam2world_gl": np.linalg.inv(GL_FROM_CV @ extrinsic)}
+    return {name: torch.from_numpy(matrix.astype("f4"))[None] for name, matrix in found.items()}
 
 
 LARGEST_SIZE_PX = 8192

@@ -131,3 +131,11 @@ def agent_class(spec: RobotSpec) -> Any:
     """Imports and returns the class of a robot's ManiSkill agent."""
     module, _, name = _robots[spec.uid][1].partition(":")
     return getattr(import_module(module), name)
+
+
+def requested_robot(uids: Any, default: RobotSpec) -> RobotSpec:
+    """Returns the robot of ManiSkill's option, a uid or, in recorded options, a list of one."""
+    uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
+    robot = default if uid is None else robot_of(uid)
+    agent_class(robot)  # registers it with ManiSkill
+    return robot

@@ -117,7 +117,7 @@ class Generator(ABC):
             if number == 0 and first is not None:
                 scene_id = first
             # A fresh simulation, as contact caches of an earlier episode affect the result.
-            sandbox = self._new_sandbox(self.load(scene_id))
+            sandbox = self.new_sandbox(self.load(scene_id))
             self._spots = {}
             for _ in range(ATTEMPTS // layouts):
                 try:
@@ -132,7 +132,7 @@ class Generator(ABC):
                 return Made(episode=made, rejections=refused)
         raise GenerationError(f"{episode_id}: no start state found; rejected: {dict(refused)}.")
 
-    def _new_sandbox(self, spec: SceneSpec) -> PlacementSandbox:
+    def new_sandbox(self, spec: SceneSpec) -> PlacementSandbox:
         """Returns a sandbox with a new simulation; bodies of the previous one are used again."""
         # One that was interrupted while it began again is not used any more.
         sandbox, self._sandbox = self._sandbox, None

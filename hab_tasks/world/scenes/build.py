@@ -59,8 +59,9 @@ def parking_pose(index: int) -> Pose7:
 class BodyBuilder:
     """Builds named bodies in one scene."""
 
-    def __init__(self, scene: ManiSkillScene) -> None:
-        self.scene = scene
+    def __init__(self, scene: ManiSkillScene, friction: float = 1.0) -> None:
+        """`friction` is a factor of the friction coefficients of dynamic objects."""
+        self.scene, self._friction = scene, friction
         self.visuals = scene.can_render()
 
     def stage(self, stage: Stage) -> Actor:
@@ -95,7 +96,8 @@ class BodyBuilder:
         volume_m3 = scale**3 * sum(_volume(source) for source in template.collision)
         mass_kg = template.mass_kg if template.mass_kg is not None else 500.0 * volume_m3
         density = mass_kg / max(volume_m3, 1e-9)
-        self._collide(builder, template.collision, _material(template.friction), density, scale)
+        material = _material(self._friction * template.friction)
+        self._collide(builder, template.collision, material, density, scale)
         self._see(builder, template, scale)
         actor = builder.build_dynamic(name)
         _check_shapes(actor, template.collision)
@@ -212,11 +214,11 @@ MAX_LIGHTS = 12
 class LayoutLights:
     """Lighting of the scene: ambient light, a soft sky, and the layout's lamps."""
 
-    def __init__(self, scene: ManiSkillScene) -> None:
-        """Adds the lights shared by all layouts."""
-        scene.set_ambient_light([0.35, 0.35, 0.35])
-        scene.add_directional_light([0.3, 0.5, -1.0], [0.9, 0.9, 0.85])
-        self._scene = scene
+    def __init__(self, scene: ManiSkillScene, brightness: float = 1.0) -> None:
+        """Adds the lights shared by all layouts, `brightness` times as bright as usual."""
+        scene.set_ambient_light([brightness * 0.35] * 3)
+        scene.add_directional_light([0.3, 0.5, -1.0], [brightness * c for c in (0.9, 0.9, 0.85)])
+        self._scene, self._brightness = scene, brightness
         self._lamps: list[sapien.Entity] = []
         self._shown: tuple[PointLight, ...] = ()
 
@@ -227,7 +229,9 @@ class LayoutLights:
         for lamp in self._lamps:
             lamp.remove_from_scene()
         self._lamps = [
-            self._scene.add_point_light(list(light.position_m), list(light.color)).entity
+            self._scene.add_point_light(
+                list(light.position_m), [self._brightness * c for c in light.color]
+            ).entity
             for light in lights[:MAX_LIGHTS]
         ]
         self._shown = lights

@@ -63,13 +63,15 @@ class BodyPool:
         scene: ManiSkillScene,
         templates: dict[str, ObjectTemplate],
         read: dict[Hashable, CollisionBody] | None = None,
+        friction: float = 1.0,
     ) -> None:
         """Creates an empty pool of bodies in `scene`.
 
-        `read` has collision bodies of earlier pools of the same dataset and objects.
+        `read` has collision bodies of earlier pools of the same dataset and objects; `friction` is
+        a factor of the friction coefficients of movable objects.
         """
         self._scene, self._templates = scene, templates
-        self._builder = BodyBuilder(scene)
+        self._builder = BodyBuilder(scene, friction)
         self._built: dict[Key, Body] = {}
         # A link has a weak reference to its entity; the scene or this keeps it alive.
         self._entities: dict[Key, list[sapien.Entity]] = {}

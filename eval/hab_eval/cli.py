@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from hab_eval.commands.options import BenchCommand, RunCommand, ServeCommand
+from hab_eval.commands.options import BenchCommand, RunCommand, ServeCommand, SweepCommand
 from hab_eval.commands.record_options import (
     CompareCommand,
     FailuresCommand,
@@ -21,6 +21,7 @@ DESCRIPTION = "Evaluation, leaderboard, results site and benchmarks of hab-tasks
 
 COMMANDS: dict[str, type[Command]] = {
     "run": RunCommand,
+    "sweep": SweepCommand,
     "serve": ServeCommand,
     "table": TableCommand,
     "failures": FailuresCommand,

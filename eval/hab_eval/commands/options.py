@@ -25,6 +25,27 @@ On a Ray cluster (pip install 'ray>=2.30'), from one of its nodes:
 
 Episodes of a node that dies are played again on the others."""
 
+SWEEP_HELP = """Measures how robust an agent is, one axis at a time.
+
+Example:
+  hab-eval sweep --agent hab_ppo:pick_depth --env HabPick-v1 --axes camera,noise,delay \\
+    --split test --episodes 100 --workers 2 --out runs/sweep
+
+The agent plays the committed episodes, and the same ones at each level of each axis. The change in
+success is paired by episode, with Newcombe's 95 % interval and McNemar's exact test. Episodes of
+another seed show how far chance alone changes it.
+
+Axes:
+  camera    head and arm camera 1 cm and 1 deg, or 3 cm and 3 deg, off the pose that is told
+  noise     sensor noise of the default strength, or four times as strong
+  delay     actions 1 or 3 steps late
+  friction  friction coefficients of objects x 0.3 or x 3
+  lighting  brightness of all lamps x 0.4 or x 2, for agents that see colour
+  clutter   5 or 10 further objects where objects start and go
+  layout    the layouts of --layouts, not paired
+
+After an interruption, the same command with --resume continues the sweep."""
+
 SERVE_HELP = """Serves an agent as a policy server (pip install 'hab-eval[remote]').
 
 Example:
@@ -80,6 +101,11 @@ class EpisodeOptions:
         tuple[str, ...], tyro.conf.arg(metavar="NAME=NUMBER"), tyro.conf.UseAppendAction
     ] = ()
     """A reward weight or threshold of the skill, e.g. force_limit_n=2500; can be repeated."""
+    env_option: Annotated[
+        tuple[str, ...], tyro.conf.arg(metavar="NAME=VALUE"), tyro.conf.UseAppendAction
+    ] = ()
+    """An option of the environment, e.g. action_delay_steps=2, sensor_noise.joint_rad=0.01 or
+    perturbation.clutter=5; can be repeated."""
 
     def config_of(
         self,
@@ -88,7 +114,6 @@ class EpisodeOptions:
         *,
         isolated: bool = False,
         instructions: str = "fixed",
-        action_delay_steps: int = 0,
     ) -> EvalConfig:
         """Returns the evaluation's configuration.
 
@@ -97,10 +122,9 @@ class EpisodeOptions:
             step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
             isolated: Whether the agent runs in processes of its own.
             instructions: Wording of the instructions, ``fixed`` or ``varied``.
-            action_delay_steps: Delay of the actions.
 
         Raises:
-            HabError: An agent option is not NAME=VALUE, or a value is out of range.
+            HabError: An option is not NAME=VALUE, or a value is out of range.
         """
         return EvalConfig(
             agent=self.agent,
@@ -113,7 +137,7 @@ class EpisodeOptions:
             novel=self.novel,
             options=parse_options(self.option),
             skill_config=parse_numbers(self.skill_config),
-            action_delay_steps=action_delay_steps,
+            env_options=parse_options(self.env_option, "--env-option"),
             step_timeout_s=step_timeout_s,
             isolated=isolated,
             instructions=instructions,
@@ -146,8 +170,6 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     episodes; the leaderboard says so. Outcomes stay the same."""
     instructions: Annotated[str, tyro.conf.arg(metavar="HOW")] = "fixed"
     """Wording of the instructions: `fixed`, or `varied` with synonyms drawn per episode."""
-    action_delay: Annotated[int, tyro.conf.arg(metavar="STEPS")] = 0
-    """Delay of the actions in steps (S F.5)."""
     device: Annotated[str, tyro.conf.arg(metavar="NAME")] = "cpu"
     """Device of the agent's networks, e.g. cuda."""
     video: Annotated[int, tyro.conf.arg(metavar="K")] = 0
@@ -160,9 +182,35 @@ class RunCommand(EpisodeOptions, ExecutorChoice, Command):
     """Print a line for each episode, even with a progress bar, and the traceback of an error in an
     episode."""
 
+    def config_of_run(self) -> EvalConfig:
+        """Returns the evaluation's configuration; see `config_of`."""
+        return self.config_of(
+            self.episodes,
+            self.step_timeout,
+            isolated=self.isolated,
+            instructions=self.instructions,
+        )
+
     def advice(self) -> str:
         """Returns how to continue an interrupted run."""
         return f"Finished episodes are kept in {self.out}; continue with --resume."
+
+
+@dataclass(frozen=True, kw_only=True)
+class SweepCommand(RunCommand):
+    """Options of `hab-eval sweep`."""
+
+    help: ClassVar[str] = SWEEP_HELP
+    work: ClassVar[str] = "hab_eval.commands.sweep:sweep"
+
+    env: Annotated[str, tyro.conf.arg(metavar="ID")]
+    """Environment id, e.g. HabPick-v1; `hab-tasks list` prints all."""
+    out: Annotated[Path, tyro.conf.arg(metavar="DIR")]
+    """Output folder: a run for each level, and sweep.png."""
+    axes: Annotated[str, tyro.conf.arg(metavar="NAMES")] = "camera,noise,delay,friction,clutter"
+    """Axes, joined by commas: camera, noise, delay, friction, lighting, clutter, layout."""
+    layouts: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
+    """Dataset of other layouts, for the axis layout."""
 
 
 @dataclass(frozen=True, kw_only=True)

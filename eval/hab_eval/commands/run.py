@@ -9,6 +9,7 @@ from dataclasses import replace
 from rich.table import Table
 
 from hab_eval.commands.options import RunCommand
+from hab_eval.records.config import EvalConfig
 from hab_eval.records.leaderboard import (
     Group,
     build_groups,
@@ -40,8 +41,8 @@ def run(options: RunCommand) -> int:
     return 0
 
 
-def run_one(options: RunCommand) -> int:
-    """Evaluates the agent, then prints the results and its rank on the leaderboard."""
+def evaluated(options: RunCommand, config: EvalConfig) -> RunRecord:
+    """Evaluates the agent as configured, with the output and processes of `options`."""
     run_options = RunOptions(
         out=options.out.absolute(),  # an agent may change the working directory
         workers=options.workers,
@@ -56,14 +57,12 @@ def run_one(options: RunCommand) -> int:
         verbose=options.verbose,
         write_line=lambda line: print(line, flush=True),
     )
-    config = options.config_of(
-        options.episodes,
-        options.step_timeout,
-        isolated=options.isolated,
-        instructions=options.instructions,
-        action_delay_steps=options.action_delay,
-    )
-    record = evaluate(config, run_options, reporter)
+    return evaluate(config, run_options, reporter)
+
+
+def run_one(options: RunCommand) -> int:
+    """Evaluates the agent, then prints the results and its rank on the leaderboard."""
+    record = evaluated(options, options.config_of_run())
     show(result_table(record))
     print(f"wrote {options.out / 'run.json'}")
     folder = default_submissions()

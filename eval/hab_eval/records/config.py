@@ -41,7 +41,8 @@ class EvalConfig:
         options: Agent options, name -> value; absent in older files.
         skill_config: Reward weights and thresholds that replace the skills' defaults,
             name -> number; absent in older files.
-        action_delay_steps: Delay of the actions (S F.5); absent in older files.
+        env_options: Options of the environment that differ from the protocol, name -> value, e.g.
+            ``sensor_noise.joint_rad``; absent in older files.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent runs in processes of its own; absent in older files.
         instructions: Wording of the instructions, ``fixed`` or ``varied``.
@@ -57,7 +58,7 @@ class EvalConfig:
     novel: str | None = None
     options: dict[str, str] = field(default_factory=dict)
     skill_config: dict[str, float] = field(default_factory=dict)
-    action_delay_steps: int = 0
+    env_options: dict[str, str] = field(default_factory=dict)
     step_timeout_s: float | None = None
     isolated: bool = False
     instructions: str = "fixed"
@@ -68,8 +69,9 @@ class EvalConfig:
         if self.step_timeout_s is not None:
             _check_timeout(self.step_timeout_s)
         texts = {f.name: getattr(self, f.name) for f in fields(self)}
-        options = {f"option {shown(name)}": f"{name}={self.options[name]}" for name in self.options}
-        for name, text in {**texts, **options}.items():
+        options = [*self.options.items(), *self.env_options.items()]
+        texts |= {f"option {shown(name)}": f"{name}={value}" for name, value in options}
+        for name, text in texts.items():
             if isinstance(text, str) and not is_text(text):
                 raise OptionError(f"{name} is {shown(text)}, which is not valid UTF-8 text.")
 
@@ -98,8 +100,8 @@ def _check_timeout(timeout_s: float) -> None:
         raise OptionError.of_value("step-timeout", timeout_s, valid)
 
 
-def parse_options(pairs: Iterable[str]) -> dict[str, str]:
-    """Parses ``NAME=VALUE`` pairs into agent options, sorted by name.
+def parse_options(pairs: Iterable[str], option: str = "--option") -> dict[str, str]:
+    """Parses ``NAME=VALUE`` pairs of a command-line option, sorted by name.
 
     Raises:
         OptionError: A malformed pair or a duplicate name.
@@ -108,9 +110,9 @@ def parse_options(pairs: Iterable[str]) -> dict[str, str]:
     for pair in pairs:
         name, equals, value = pair.partition("=")
         if not (name and equals and value):
-            raise OptionError(f"--option {pair!r} is not of the form NAME=VALUE.")
+            raise OptionError(f"{option} {pair!r} is not of the form NAME=VALUE.")
         if name in found:
-            raise OptionError(f"--option {name} is given twice: {found[name]!r} and {value!r}.")
+            raise OptionError(f"{option} {name} is given twice: {found[name]!r} and {value!r}.")
         found[name] = value
     return dict(sorted(found.items()))
 

@@ -162,7 +162,8 @@ def group_title(record: RunRecord) -> str:
     parts += ["perfect base control"] if record.control_mode.endswith("_pose") else []
     rules = [f"{name}={value:g}" for name, value in sorted(record.skill_config.items())]
     parts += [f"changed rules: {', '.join(rules)}"] if rules else []
-    parts += [f"actions {record.action_delay_steps} steps late"] * bool(record.action_delay_steps)
+    changed = [f"{name}={value}" for name, value in record.env_options.items()]
+    parts += [f"changed environment: {', '.join(changed)}"] if changed else []
     return ", ".join(parts)
 
 
@@ -304,8 +305,8 @@ def command_of(record: RunRecord) -> str:
         words += ["--option", f"{name}={value}"]
     for name, number in record.skill_config.items():
         words += ["--skill-config", f"{name}={number!r}"]
-    if record.action_delay_steps:
-        words += ["--action-delay", str(record.action_delay_steps)]
+    for name, value in record.env_options.items():
+        words += ["--env-option", f"{name}={value}"]
     if record.step_timeout_s is not None:
         words += ["--step-timeout", f"{record.step_timeout_s:g}"]
     words += ["--isolated"] * record.isolated

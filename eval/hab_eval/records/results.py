@@ -146,7 +146,7 @@ class RunRecord:
         seed: Seed of the episode set and of the agent.
         options: Agent options; absent in older files.
         skill_config: Reward weights and thresholds that replace the skills' defaults.
-        action_delay_steps: Delay of the actions.
+        env_options: Options of the environment that differ from the protocol, name -> value.
         step_timeout_s: Time limit for one call of the agent [s]; None for no limit.
         isolated: Whether the agent ran in processes of its own, without an environment.
         instructions: Wording of the instructions, ``fixed`` or ``varied``.
@@ -183,7 +183,7 @@ class RunRecord:
     seed: Count
     options: dict[str, str] = field(default_factory=dict)
     skill_config: dict[str, float] = field(default_factory=dict)
-    action_delay_steps: int = 0
+    env_options: dict[str, str] = field(default_factory=dict)
     step_timeout_s: float | None = None
     isolated: bool = False
     instructions: str = "fixed"

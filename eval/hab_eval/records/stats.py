@@ -52,6 +52,44 @@ def exact_mcnemar(only_a: int, only_b: int) -> float:
     return float(_binomtest(only_a, only_a + only_b).pvalue)
 
 
+def phi_coefficient(both: int, only_a: int, only_b: int, neither: int) -> float:
+    """Returns the correlation of paired outcomes, with Newcombe's continuity correction.
+
+    Newcombe, Statistics in Medicine 17:2635, 1998, method 10.
+    """
+    product = (both + only_a) * (only_b + neither) * (both + only_b) * (only_a + neither)
+    if product == 0:
+        return 0.0
+    concordant = both * neither - only_a * only_b
+    n = both + only_a + only_b + neither
+    corrected = max(concordant - n / 2, 0.0) if concordant > 0 else float(concordant)
+    return corrected / math.sqrt(product)
+
+
+def difference_interval(
+    a: tuple[int, int], b: tuple[int, int], phi: float = 0.0
+) -> tuple[float, tuple[float, float]]:
+    """Returns the difference of two success rates, a minus b, and its 95 % interval.
+
+    Newcombe's hybrid score method: Statistics in Medicine 17:873 (unpaired) and 17:2635 (paired),
+    1998. Like Wilson's interval, it is not degenerate where all outcomes are equal.
+
+    Args:
+        a: Successes and episodes of the first.
+        b: Of the second.
+        phi: Correlation of paired outcomes, see `phi_coefficient`; 0 if the episodes are others.
+    """
+    (p_a, p_b), (low_a, high_a) = (a[0] / a[1], b[0] / b[1]), wilson_interval(*a)
+    low_b, high_b = wilson_interval(*b)
+    difference = p_a - p_b
+
+    def width(one: float, other: float) -> float:
+        return math.sqrt(max(one**2 - 2 * phi * one * other + other**2, 0.0))
+
+    low = difference - width(p_a - low_a, high_b - p_b)
+    return difference, (low, difference + width(high_a - p_a, p_b - low_b))
+
+
 def _binomtest(successes: int, n: int) -> Any:
     """Returns SciPy's result for the hypothesis of a rate of 1/2."""
     from scipy.stats import binomtest  # takes a second, and results are read without it

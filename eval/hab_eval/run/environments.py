@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any, get_args
 
 import gymnasium
@@ -16,7 +17,7 @@ import hab_tasks
 from hab_eval.records.config import EvalConfig
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.captions import LEGEND
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
 
 if TYPE_CHECKING:
@@ -86,7 +87,39 @@ def request_of(config: EvalConfig) -> hab_tasks.EpisodeRequest:
         split=config.split,
         seed=config.seed,
         novel=config.novel,
+        clutter=env_arguments(config.env_options).get("perturbation", {}).get("clutter", 0),
     )
+
+
+def env_arguments(options: Mapping[str, str]) -> dict[str, Any]:
+    """Returns the environment's arguments of options such as ``perturbation.clutter=5``.
+
+    Raises:
+        UnknownNameError: An unknown option.
+        OptionError: A value that is not a number, or out of range.
+    """
+    if not options:
+        return {}
+    from hab_tasks.engine.noise import SensorNoise
+    from hab_tasks.engine.perturbation import Perturbation
+
+    groups = {"sensor_noise": SensorNoise(), "perturbation": Perturbation()}
+    usual: dict[str, float] = {"action_delay_steps": 0}
+    for group, values in groups.items():
+        usual |= {f"{group}.{name}": value for name, value in asdict(values).items()}
+    found: dict[str, Any] = {}
+    for name, text in options.items():
+        if name not in usual:
+            raise UnknownNameError("--env-option", name, usual)
+        try:
+            value = type(usual[name])(text)
+        except ValueError as error:
+            raise OptionError.of_value(f"--env-option {name}", text, "a number") from error
+        group, _, entry = name.rpartition(".")
+        (found.setdefault(group, {}) if group else found)[entry] = value
+    for group in groups.keys() & found.keys():
+        type(groups[group]).of(found[group])
+    return found
 
 
 def make_env(
@@ -119,7 +152,7 @@ def make_env(
         proprioception=spec.proprioception,
         instructions=config.instructions,
         skill_config=config.skill_config,
-        action_delay_steps=config.action_delay_steps,
+        **env_arguments(config.env_options),
         reward_mode="dense",
         render_mode="rgb_array" if render else None,
         render_backend="auto",

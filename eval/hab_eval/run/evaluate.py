@@ -116,6 +116,7 @@ def evaluate(config: EvalConfig, options: RunOptions, reporter: Reporter) -> Run
         RunStoppedError: The run stopped before its last episode.
     """
     environments.check_env_id(config.env)
+    environments.env_arguments(config.env_options)
     check_free(options.out, resume=options.resume, force=options.force)
     with locked(options.out):
         return _evaluate(config, options, reporter)
@@ -202,7 +203,7 @@ def make_record(
         seed=config.seed,
         options=config.options,
         skill_config=config.skill_config,
-        action_delay_steps=config.action_delay_steps,
+        env_options=config.env_options,
         step_timeout_s=config.step_timeout_s,
         isolated=config.isolated,
         instructions=config.instructions,

@@ -93,7 +93,7 @@ class Replay:
             novel=novel or None,
             options={**record.options, **self.options},
             skill_config=record.skill_config,
-            action_delay_steps=record.action_delay_steps,
+            env_options=record.env_options,
             step_timeout_s=record.step_timeout_s,
             isolated=record.isolated,
             instructions=record.instructions,

@@ -225,7 +225,7 @@ def evaluations_of(study: Study, scale: str, trainings: list[Training]) -> list[
 
 def _configured(arm: Arm, condition: Condition, episodes: int) -> EvalConfig:
     """Returns the evaluation of an arm's policies, without weights."""
-    env = arm.recipe.env
+    env, delay = arm.recipe.env, condition.delay_steps
     return EvalConfig(
         agent="hab_ppo:policy",
         env=env.env,
@@ -233,7 +233,7 @@ def _configured(arm: Arm, condition: Condition, episodes: int) -> EvalConfig:
         seed=SEED,
         episodes=episodes,
         skill_config={**env.skill_config, **condition.skill_config},
-        action_delay_steps=condition.delay_steps,
+        env_options={"action_delay_steps": str(delay)} if delay else {},
     )
 
 
@@ -247,7 +247,7 @@ def _reference(name: str, agent: str, base: EvalConfig, arm: Arm, study: Study) 
         agent=agent,
         episodes=min(base.episodes, REFERENCE_EPISODES),
         skill_config={},
-        action_delay_steps=0,
+        env_options={},
     )
     file = f"{env}_{name}" if several else name
     return Evaluation(name=file.replace(" ", "_"), row=row, config=config, measure=arm.measure)

@@ -37,6 +37,8 @@ def test_a_bad_option_is_refused_with_what_is_valid(make):
         ({"depth": "cm"}, UnknownNameError, "Valid: m, mm"),
         ({"action_delay_steps": -1}, OptionError, "a whole number of steps"),
         ({"sensor_noise": {"deph": 0.1}}, UnknownNameError, "depth_at_1_m_m"),
+        ({"perturbation": {"frction": 2.0}}, UnknownNameError, "Did you mean 'friction'"),
+        ({"perturbation": {"light": -1.0}}, OptionError, "a number from 0"),
         ({"camera": ["head"]}, UnknownNameError, "Did you mean 'cameras'"),
         *(
             ({"sensor_configs": configs}, error, words)

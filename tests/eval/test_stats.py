@@ -2,7 +2,14 @@ import tracemalloc
 
 import numpy as np
 import pytest
-from hab_eval.records.stats import bootstrap_mean, exact_mcnemar, mean, wilson_interval
+from hab_eval.records.stats import (
+    bootstrap_mean,
+    difference_interval,
+    exact_mcnemar,
+    mean,
+    phi_coefficient,
+    wilson_interval,
+)
 
 
 def test_wilson_interval_of_4_in_5_by_hand():
@@ -28,6 +35,21 @@ def test_wilson_interval_at_the_ends_is_exact_and_not_empty():
     for successes, n in ((0, 0), (3, 2), (-1, 2)):
         with pytest.raises(ValueError, match=f"{successes} successes of {n}"):
             wilson_interval(successes, n)
+
+
+def test_the_interval_of_a_difference_is_newcombes():
+    # Newcombe 1998, Statistics in Medicine 17:873, Table II (a): 56/70 - 48/80, method 10.
+    difference, interval = difference_interval((56, 70), (48, 80))
+    assert difference == pytest.approx(0.2)
+    assert interval == pytest.approx((0.0524, 0.3339), abs=1e-4)
+    # Paired: of 10, 6 both, 2 only a, 1 only b, 1 neither. 6*1 - 2*1 = 4 < 10/2: no correlation.
+    assert phi_coefficient(6, 2, 1, 1) == 0.0
+    # 40 both, 5, 5, 50: (2000 - 25 - 50) / sqrt(45 * 55 * 45 * 55) = 1925 / 2475.
+    assert phi_coefficient(40, 5, 5, 50) == pytest.approx(1925 / 2475)
+    # 5 both, 20, 25, 10: discordant pairs are not corrected; -450 / sqrt(25 * 35 * 30 * 30).
+    assert phi_coefficient(5, 20, 25, 10) == pytest.approx(-450 / 787500**0.5)
+    low, high = difference_interval((10, 10), (10, 10), phi_coefficient(10, 0, 0, 0))[1]
+    assert low == -high < -0.25  # ten equal outcomes are no proof
 
 
 def test_means():

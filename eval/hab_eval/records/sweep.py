@@ -67,7 +67,8 @@ AXES: dict[str, tuple[Level, ...]] = {
     "camera": (_camera(0.01, 1.0), _camera(0.03, 3.0)),
     "noise": (_noise(1.0), _noise(4.0)),
     "delay": tuple(
-        _level("delay", "action_delay_steps", steps, f"{steps} step{'s' * (steps > 1)}") for steps in (1, 3)
+        _level("delay", "action_delay_steps", steps, f"{steps} step{'s' * (steps > 1)}")
+        for steps in (1, 3)
     ),
     "friction": tuple(
         _level("friction", "perturbation.friction", factor, f"x {factor}") for factor in (0.3, 3)

@@ -27,13 +27,16 @@ class ManeuverConfig(WheelsConfig):
     Attributes:
         brake_steps: Steps of deceleration before a stop.
         near_m, near_rad: Tolerances at the end of each segment.
+        blend_rad: The straight segment begins at this heading error, while the base still turns;
+            it ends about 1 cm beside the line.
         turn_gain: Share of the heading error corrected per step on the straight segment.
     """
 
     ease: float = 0.34
-    brake_steps: float = 4.0
+    brake_steps: float = 2.0
     near_m: float = 0.02
     near_rad: float = 0.03
+    blend_rad: float = 0.2
     turn_gain: float = 0.4
     still_rad: float = 0.003
 
@@ -110,15 +113,14 @@ def drive(
 ) -> Generator[Command, None, bool]:
     """Executes a maneuver; returns whether the base completed it, with nothing new in its way."""
     wheels = Wheels(robot, config)
-    through = yield from _turn(
-        wheels, maneuver, maneuver.heading_rad - maneuver.start[2], maneuver.heading_rad
-    )
+    first_rad = maneuver.heading_rad - maneuver.start[2]
+    near_rad = config.blend_rad if maneuver.length_m else config.near_rad
+    through = yield from _turn(wheels, maneuver, first_rad, maneuver.heading_rad, near_rad)
     if through and maneuver.length_m:
         through = yield from _straight(wheels, maneuver)
     if through:
-        through = yield from _turn(
-            wheels, maneuver, maneuver.yaw_rad - maneuver.heading_rad, maneuver.yaw_rad
-        )
+        last_rad = maneuver.yaw_rad - maneuver.heading_rad
+        through = yield from _turn(wheels, maneuver, last_rad, maneuver.yaw_rad, config.near_rad)
     yield from wheels.stop()
     return through
 
@@ -134,12 +136,16 @@ def _blocked(robot: Robot, maneuver: BaseManeuver) -> bool:
 
 
 def _turn(
-    wheels: Wheels[ManeuverConfig], maneuver: BaseManeuver, turn_rad: float, yaw_rad: float
+    wheels: Wheels[ManeuverConfig],
+    maneuver: BaseManeuver,
+    turn_rad: float,
+    yaw_rad: float,
+    near_rad: float,
 ) -> Generator[Command, None, bool]:
-    """Turns by about `turn_rad` to a heading; a turn of more than pi keeps its direction."""
+    """Turns by about `turn_rad` until near a heading; a turn of more than pi keeps its direction."""
     config, robot = wheels.config, wheels.robot
     left, before = turn_rad, robot.base[2]
-    while abs(left) > config.near_rad:
+    while abs(left) > near_rad:
         if wheels.stuck or _blocked(robot, maneuver):
             return False
         yield wheels.roll(0.0, left / (config.brake_steps * robot.spec.base_step_rad))
@@ -147,7 +153,6 @@ def _turn(
         before = robot.base[2]
         if abs(left) < math.pi / 2:
             left = angle(yaw_rad, before)
-    yield from wheels.stop()
     return True
 
 

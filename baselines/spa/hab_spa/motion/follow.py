@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from hab_spa.shapes import Array
+from hab_tasks.constants import TARGET_STEP_RAD
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,13 +46,13 @@ def time_path_within(path: Array, steps: int, config: TimingConfig) -> Array:
 def time_path(path: Array, config: TimingConfig, pace: float = 1.0) -> Array:
     """Returns the joint targets (T, J), one per control step, along a path (K, J).
 
-    `pace` multiplies the three limits of the config. The first target is one step from the start,
-    the last is the end of the path.
+    `pace` multiplies the three limits of the config, up to the controller's step. The first target
+    is one step from the start, the last is the end of the path.
     """
     lengths = np.abs(np.diff(path, axis=0)).max(axis=1)
     config = replace(
         config,
-        step_rad=config.step_rad * pace,
+        step_rad=min(config.step_rad * pace, TARGET_STEP_RAD),
         acceleration_rad=config.acceleration_rad * pace,
         corner_rad=config.corner_rad * pace,
     )

@@ -45,7 +45,7 @@ class FridgeConfig:
         as_good_steps: ... and their maximum cost above the best.
         reach_share: Share of the remaining time for reaching the handle, within speed limits.
         pace: Pace of the motion along the arc.
-        rest_pace: Pace of the motion to rest, ...
+        rest_paces: Paces of the motion to rest, the last where time is short, ...
         rest_plans: ... maximum number of plans of it, as an arm near the door drags it along, ...
         back_rad: ... which may move the door back by at most this angle.
         brake_steps: A door that the hand cannot close completely is released this many steps
@@ -93,7 +93,7 @@ class FridgeConfig:
     as_good_steps: float = 25.0
     reach_share: float = 0.08
     pace: float = 1.6
-    rest_pace: float = 1.6
+    rest_paces: tuple[float, ...] = (1.6, 2.4)
     rest_plans: int = 4
     back_rad: float = 0.04
     brake_steps: int = 5

@@ -142,7 +142,7 @@ def _turn(
     yaw_rad: float,
     near_rad: float,
 ) -> Generator[Command, None, bool]:
-    """Turns by about `turn_rad` until near a heading; a turn of more than pi keeps its direction."""
+    """Turns by about `turn_rad` until near a heading; beyond pi, a turn keeps its direction."""
     config, robot = wheels.config, wheels.robot
     left, before = turn_rad, robot.base[2]
     while abs(left) > near_rad:

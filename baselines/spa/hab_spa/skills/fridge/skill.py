@@ -156,7 +156,7 @@ class _Fridge:
     def _rest(self) -> Motion:
         """Moves the arm to rest quickly; replans if the motion moves the door back."""
         robot, config, failure = self._robot, self._config, None
-        timing = replace(robot.config.timing, paces=(config.rest_pace,))
+        timing = replace(robot.config.timing, paces=config.rest_paces)
         back = -1.0 if self._out else 1.0
         for _ in range(1 + robot.config.retries):
             before = self._joint

@@ -39,7 +39,7 @@ def test_everything_on_the_sofa_is_a_target():
     env.close()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_a_planner_serves_a_drink(tmp_path):
     agent = ["--agent", "hab_spa:tp_spa_priv", "--option", "planner=batched"]
     env = ["--env", f"{HOUSEHOLD}:HabServeDrink-v1", "--split", "test", "--episodes", "1"]

@@ -150,7 +150,8 @@ class SeenFridge(SeenFurniture):
         images, base_m = self._views(), self.world_from_base[:2, 3]
         # One that is to be opened may stand ajar after an attempt.
         tried = [find_fridge(images, self.object_m(0), base_m, one) for one in {opened, True}]
-        found = max((one for one in tried if one), key=lambda one: one.score, default=None)
+        likely = [one for one in tried if one and one.pose[3] <= self._most_rad]
+        found = max(likely, key=lambda one: one.score, default=None)
         if found is not None and (self._found is None or found.score > self._found.score):
             self._found, self._opened = found, opened
             self._felt_rad = float(found.pose[3])
@@ -163,7 +164,7 @@ class SeenFridge(SeenFurniture):
         before = self._fridge
         self.find(self._opened)
         if self._fridge is before:
-            joint = seen_joint(self._views(), before, around_rad=MOST_RAD)
+            joint = seen_joint(self._views(), before, MOST_RAD, self._most_rad)
             self._open_by(before.pose[3] if joint is None else joint)
 
     def met(self, path: Array) -> None:
@@ -230,6 +231,12 @@ class SeenFridge(SeenFurniture):
             if self._found is not None:
                 self._found = refined(seen, self._found, self.object_m(0), self._opened)
         return seen
+
+    @property
+    def _most_rad(self) -> float:
+        """How far the door may be open: one that the hand opens swings on by little."""
+        opens = self._found is not None and not self._opened
+        return min(MOST_RAD, self._widest_rad + AS_FELT_RAD[1]) if opens else MOST_RAD
 
     def _open_by(self, joint: float) -> None:
         """Sets how far the door is believed to be open [rad]."""

@@ -202,11 +202,13 @@ def _with_door(
     return found
 
 
-def seen_joint(images: Images, found: Found, around_rad: float = 0.5) -> float | None:
+def seen_joint(
+    images: Images, found: Found, around_rad: float = 0.5, most_rad: float = MOST_RAD
+) -> float | None:
     """Returns how far the door of a found fridge is open now; None if that is not seen."""
     turned = np.repeat(found.pose[None], 41, axis=0)
     joint = found.pose[3]
-    low, high = max(0.0, joint - around_rad), min(MOST_RAD, joint + around_rad)
+    low, high = max(0.0, joint - around_rad), min(most_rad, joint + around_rad)
     turned[:, 3] = np.linspace(low, high, len(turned))
     scores = _scores(images, outline(FINE_M, found.side), turned, found.side, 0.02)
     if scores.max() < scores.min() + SEEN_SCORE:

@@ -25,6 +25,7 @@ from hab_spa.sensing.known_fridge import (
 )
 from hab_spa.sensing.walls import supposed_walls
 from hab_spa.shapes import Array, box_distance_m, invert_pose
+from hab_tasks.constants import REST_RADIUS_M
 from hab_tasks.privileged import ArticulationState, CollisionBody
 from hab_tasks.world.navigation import NavigationMap
 from hab_tasks.world.scenes.floor import HIGHEST_M, LOWEST_M, floor_between
@@ -175,13 +176,8 @@ class SeenFridge(SeenFurniture):
     def articulation(self, number: int) -> ArticulationState:
         """Returns the fridge's door."""
         if not self._was_holding and self._age >= REFIT_STEPS:
-            self._age, joint = 0, seen_joint(self._views(), self._fridge)
-            if joint is not None and self._opened:
-                self._open_by(joint)
-            elif joint is not None and self._widest_rad > 0.0:
-                # A door that was opened stays, and its inside may be taken for its front.
-                around = PUSHED_RAD if self._pushed else AS_FELT_RAD
-                self._open_by(float(np.clip(joint, *(self._felt_rad + around))))
+            self._age = 0
+            self._watch_door()
         return articulation_of(self._fridge.pose, self._fridge.side, self._was_holding)
 
     def floor_map(self, joints: Mapping[int, float] | None = None) -> NavigationMap:
@@ -232,6 +228,22 @@ class SeenFridge(SeenFurniture):
                 self._found = refined(seen, self._found, self.object_m(0), self._opened)
         return seen
 
+    def _watch_door(self) -> None:
+        """Sees how far the door is open, once the hand has let it go."""
+        views = self._views()
+        from_rest_m = self._arm.ee_pose(self.arm_qpos)[:3, 3] - self.robot.rest_position_m
+        rests = not self._opened and np.linalg.norm(from_rest_m) < REST_RADIUS_M
+        # An arm at rest hides nothing of a door that it may have pushed since the older views.
+        whole = self._images(), self._fridge, MOST_RAD, self._most_rad
+        joint = seen_joint(*whole) if rests else seen_joint(views, self._fridge)
+        if joint is None or not (self._opened or self._widest_rad > 0.0):
+            return
+        if not (self._opened or rests):
+            # A door that was opened stays, and its inside may be taken for its front.
+            around = PUSHED_RAD if self._pushed else AS_FELT_RAD
+            joint = float(np.clip(joint, *(self._felt_rad + around)))
+        self._open_by(joint)
+
     @property
     def _most_rad(self) -> float:
         """How far the door may be open: one that the hand opens swings on by little."""
@@ -240,8 +252,7 @@ class SeenFridge(SeenFurniture):
 
     def _open_by(self, joint: float) -> None:
         """Sets how far the door is believed to be open [rad]."""
-        pose = np.append(self._fridge.pose[:3], max(joint, 0.0))
-        self._found = replace(self._fridge, pose=pose)
+        self._found = replace(self._fridge, pose=np.append(self._fridge.pose[:3], max(joint, 0.0)))
         self._widest_rad = max(self._widest_rad, joint)
 
     def _bodies(self) -> list[tuple[CollisionBody, Array]]:

@@ -308,7 +308,7 @@ class HabEnv(ObservingEnv):
 
     def _initialize_episode(self, env_idx: Tensor, options: dict[str, Any]) -> None:
         self.simulation.apply()
-        self._begin_observing()
+        self._displace_cameras()
         self.rows.begin(self.simulation.row)
         self.__dict__.pop("segmentation_id_map", None)  # cached; the bodies may have changed
 

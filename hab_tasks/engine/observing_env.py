@@ -14,7 +14,7 @@ from hab_tasks.arrays import to_tensor
 from hab_tasks.engine.episode_simulation import EpisodeSimulation
 from hab_tasks.engine.inherited_options import WITHOUT_IMAGES, ImageSource, choose_source
 from hab_tasks.engine.noise import NoiseSource
-from hab_tasks.engine.perturbation import CameraErrors
+from hab_tasks.engine.perturbation import as_specified, displace
 from hab_tasks.engine.ray_sensors import RaySensors
 from hab_tasks.engine.rows import read_entries
 from hab_tasks.engine.sensors import ObsEntry, observed, scale_depth
@@ -58,7 +58,6 @@ class ObservingEnv(BaseEnv):
     _ray_cameras: list[CameraConfig]
     _views: dict[str, Camera]
     _marks: Marks | None
-    _errors: CameraErrors | None = None
 
     def _set_sensors(
         self, cameras: Iterable[str] | None, size_px: int, hfov_rad: float, invisible_arm: bool
@@ -127,12 +126,11 @@ class ObservingEnv(BaseEnv):
             self._marks = Marks(self.scene)
             self._hidden_objects.append(self._marks)  # type: ignore[arg-type]
 
-    def _begin_observing(self) -> None:
-        """Hook at the start of an episode."""
-        perturbed = self.simulation.perturbation
-        self._errors = CameraErrors(perturbed) if perturbed.moves_cameras else None
-        if self._errors is not None:
-            self._errors.begin(self.simulation.episode.seed, self._sensors)
+    def _displace_cameras(self) -> None:
+        """Displaces the cameras at the start of an episode, if a perturbation says so."""
+        simulation = self.simulation
+        if simulation.perturbation.moves_cameras:
+            displace(self._sensors, simulation.perturbation, simulation.episode.seed)
 
     def _mount_cameras(self) -> None:
         """Gives the cameras of class, robot and options to the robot, or to rays."""
@@ -298,7 +296,8 @@ class ObservingEnv(BaseEnv):
     def get_sensor_params(self) -> dict[str, dict[str, Tensor]]:
         """Returns ``sensor_param``, which does not tell how a perturbation displaces cameras."""
         params = super().get_sensor_params()
-        return params if self._errors is None else self._errors.told(params, self._sensors)
+        moved = self.simulation.perturbation.moves_cameras
+        return as_specified(params, self._sensors) if moved else params
 
     def _get_obs_with_sensor_data(
         self, info: dict[str, Any], apply_texture_transforms: bool = True

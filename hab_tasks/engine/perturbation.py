@@ -63,28 +63,21 @@ class Perturbation:
         return settings("perturbation", value, cls) or cls()
 
 
-class CameraErrors:
-    """Displaces cameras anew in each episode, without telling the agent."""
+def displace(cameras: Mapping[str, BaseSensor], perturbation: Perturbation, seed: int) -> None:
+    """Displaces cameras for an episode, whose seed determines where to."""
+    for place, camera in enumerate(cameras.values()):
+        directions = np.random.default_rng((seed, place)).standard_normal((2, 3))
+        offset, axis = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+        turn = quaternions.axangle2quat(axis, perturbation.camera_rad)
+        error = sapien.Pose((perturbation.camera_m * offset).tolist(), turn.tolist())
+        move_camera(camera, specified_pose(camera) * error)
 
-    def __init__(self, perturbation: Perturbation) -> None:
-        """Takes distance and angle."""
-        self._perturbation = perturbation
 
-    def begin(self, seed: int, cameras: Mapping[str, BaseSensor]) -> None:
-        """Displaces the cameras; the episode's seed determines where to."""
-        given = self._perturbation
-        for place, camera in enumerate(cameras.values()):
-            directions = np.random.default_rng((seed, place)).standard_normal((2, 3))
-            offset, axis = directions / np.linalg.norm(directions, axis=1, keepdims=True)
-            turn = quaternions.axangle2quat(axis, given.camera_rad)
-            error = sapien.Pose((given.camera_m * offset).tolist(), turn.tolist())
-            move_camera(camera, specified_pose(camera) * error)
-
-    def told(
-        self, params: dict[str, dict[str, Tensor]], cameras: Mapping[str, BaseSensor]
-    ) -> dict[str, dict[str, Tensor]]:
-        """Returns ``sensor_param`` with the matrices of cameras that are where they should be."""
-        return {
-            name: {**of_camera, **pose_params(cameras[name], specified_pose(cameras[name]))}
-            for name, of_camera in params.items()
-        }
+def as_specified(
+    params: dict[str, dict[str, Tensor]], cameras: Mapping[str, BaseSensor]
+) -> dict[str, dict[str, Tensor]]:
+    """Returns ``sensor_param`` with the matrices of cameras that are where they should be."""
+    return {
+        name: {**of_camera, **pose_params(cameras[name], specified_pose(cameras[name]))}
+        for name, of_camera in params.items()
+    }

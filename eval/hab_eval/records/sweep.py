@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from rich.table import Table
@@ -13,6 +13,7 @@ from hab_eval.records.paired import compare
 from hab_eval.records.plain_text import add_row, figure_text
 from hab_eval.records.results import RunRecord
 from hab_eval.records.stats import difference_interval, phi_coefficient
+from hab_tasks.engine.noise import SensorNoise
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.figure_style import BLUE, EDGE, bare, new_figure, save
 
@@ -54,7 +55,7 @@ def _camera(distance_m: float, angle_deg: float) -> Level:
 
 
 def _noise(factor: float) -> Level:
-    usual = {"depth_at_1_m_m": 0.0016, "rgb_levels": 2.0, "joint_rad": 0.001}
+    usual = asdict(SensorNoise())
     changes = {f"sensor_noise.{name}": f"{factor * value:g}" for name, value in usual.items()}
     return Level(axis="noise", name=f"x {factor:g}", env_options=changes)
 

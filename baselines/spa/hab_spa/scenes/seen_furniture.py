@@ -234,8 +234,8 @@ class SeenFridge(SeenFurniture):
         from_rest_m = self._arm.ee_pose(self.arm_qpos)[:3, 3] - self.robot.rest_position_m
         rests = not self._opened and np.linalg.norm(from_rest_m) < REST_RADIUS_M
         # An arm at rest hides nothing of a door that it may have pushed since the older views.
-        whole = self._images(), self._fridge, MOST_RAD, self._most_rad
-        joint = seen_joint(*whole) if rests else seen_joint(views, self._fridge)
+        seen = self._images() if rests else views
+        joint = seen_joint(seen, self._fridge, *((MOST_RAD, self._most_rad) if rests else ()))
         if joint is None or not (self._opened or self._widest_rad > 0.0):
             return
         if not (self._opened or rests):

@@ -7,11 +7,13 @@ environment, ``env.call("ask", "hab_experts:pick_action")`` returns the actions 
 
 from __future__ import annotations
 
+import math
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hab_experts.cavity import Cavity
 from hab_experts.door import door_motion
 from hab_experts.drawer import drawer_motion
 from hab_experts.follower import ShortestPathFollower
@@ -24,7 +26,8 @@ from hab_tasks.engine.goals import frame_of
 from hab_tasks.engine.skill_env import SkillEnv
 from hab_tasks.episodes import Episode
 from hab_tasks.episodes.schema import ReceptacleRef
-from hab_tasks.receptacles import CONTAINERS
+from hab_tasks.geometry import to_matrix
+from hab_tasks.receptacles import CABINET, CONTAINERS, SHELVES
 
 SKILLS = {
     "pick_action": ("pick",),
@@ -34,6 +37,15 @@ SKILLS = {
     "shortest_path_action": ("navigate",),
 }
 """Expert -> the skills that it masters."""
+
+FRIDGE_OUTSIDE_M = 0.42
+"""See `Cavity.outside_m`, from the fridge's root."""
+
+FRIDGE_BOARD_M = 1.16
+"""A hand below this height is not on the fridge's board."""
+
+SHELF_OUTSIDE_M = 0.2
+"""The same distance, from the edge of a shelf."""
 
 _followers: WeakKeyDictionary[SkillEnv, tuple[Episode, ShortestPathFollower]] = WeakKeyDictionary()
 """Environment -> its episode and the follower of that."""
@@ -50,7 +62,7 @@ def pick_action(env: SkillEnv) -> NDArray[np.float32]:
         simulation.snapshot,
         holds=simulation.held_name() == target.object,
         nearest=_nearest_object(simulation) == target.object,
-        fridge=fridge_around(simulation, target.start),
+        cavity=cavity_around(simulation, target.start),
     )
     return action.astype(np.float32)[None]
 
@@ -66,7 +78,7 @@ def place_action(env: SkillEnv) -> NDArray[np.float32]:
         simulation.snapshot,
         np.array(simulation.goals.goals_m[0, 0].tolist()),
         holds=simulation.held_name() == target.object,
-        fridge=fridge_around(simulation, target.goal),
+        cavity=cavity_around(simulation, target.goal),
     )
     return action.astype(np.float32)[None]
 
@@ -117,13 +129,37 @@ def _follower(env: SkillEnv, repeat: int) -> ShortestPathFollower:
     return found[1]
 
 
-def fridge_around(
-    simulation: EpisodeSimulation, receptacle: ReceptacleRef | None
-) -> NDArray[np.float64] | None:
-    """Returns x, y [m] and yaw [rad] of the fridge's frame if a receptacle is in it, else None."""
-    if receptacle is None or CONTAINERS.get(receptacle[0]) != FRIDGE.name:
+def cavity_around(simulation: EpisodeSimulation, receptacle: ReceptacleRef | None) -> Cavity | None:
+    """Returns the fridge or shelf of a receptacle; None if it is an open surface."""
+    if receptacle is None:
         return None
-    return np.array(frame_of(next(h for h in simulation.grasp.handles if h.name == FRIDGE.marker)))
+    if CONTAINERS.get(receptacle[0]) == FRIDGE.name:
+        handle = next(h for h in simulation.grasp.handles if h.name == FRIDGE.marker)
+        return Cavity(
+            frame=np.array(frame_of(handle)), outside_m=FRIDGE_OUTSIDE_M, lowest_m=FRIDGE_BOARD_M
+        )
+    if receptacle[0] in (*CABINET, *SHELVES):
+        return _shelf(simulation, receptacle)
+    return None
+
+
+def _shelf(simulation: EpisodeSimulation, receptacle: ReceptacleRef) -> Cavity:
+    """Returns a shelf, which opens to the side of the robot."""
+    spec = simulation.source.scene(simulation.episode.scene_id)
+    box = next(one for one in spec.receptacles if (one.name, one.body) == receptacle)
+    body = next(one for one in spec.objects if one.name == box.body)
+    world_from_box = to_matrix(body.world_from_object) @ to_matrix(box.body_from_box)
+    _, across, deep = sorted(range(3), key=lambda axis: -abs(box.up[axis]))
+    if box.half_size_m[across] < box.half_size_m[deep]:
+        across, deep = deep, across
+    center_m, out = world_from_box[:3, 3], world_from_box[:3, deep]
+    if out @ (simulation.snapshot.ee_m[0] - center_m) < 0:
+        out = -out
+    return Cavity(
+        frame=np.array((center_m[0], center_m[1], math.atan2(out[1], out[0]))),
+        outside_m=box.half_size_m[deep] + SHELF_OUTSIDE_M,
+        half_width_m=box.half_size_m[across],
+    )
 
 
 def _nearest_object(simulation: EpisodeSimulation) -> str:

@@ -1,7 +1,7 @@
 """Place follower: an expert for Place in `ee`, by feedback alone.
 
 The held object goes above its goal, down to it, and is released; the hand goes up and to rest. In
-the fridge it goes in and out as Pick's hand does (`fridge_interior`). The action depends on the
+a cavity it goes in and out as Pick's hand does (`hab_experts.cavity`). The action depends on the
 current state alone, so it can label the states that another policy visits.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from hab_experts.fridge_interior import Inside
+from hab_experts.cavity import Cavity, Inside
 from hab_experts.handle import hand_of, in_base, motion
 from hab_tasks.constants import REST_POSITION_M
 from hab_tasks.engine.snapshot import Snapshot
@@ -27,27 +27,26 @@ RELEASE_M = 0.04
 """The hand opens when the object is so near to its goal."""
 
 RELEASE_INSIDE_M = 0.09
-"""The same in the fridge, where the hand does not come as near."""
+"""The same in a cavity, where the hand does not come as near."""
 
 ABOVE_INSIDE_M = 0.03
-"""Height of the object above its goal on the way into the fridge."""
+"""Height of the object above its goal on the way into a cavity."""
 
 LIFT_M, AWAY_M = 0.05, 0.15
 """The empty hand rises by the first before it leaves, within the second distance of the goal."""
 
 
-def place_motion(state: Snapshot, goal_m: Array, *, holds: bool, fridge: Array | None) -> Array:
+def place_motion(state: Snapshot, goal_m: Array, *, holds: bool, cavity: Cavity | None) -> Array:
     """Returns the ``ee`` action (4,) for one row.
 
     Args:
         state: The snapshot, of one row.
         goal_m: (3,) goal of the object's centre of mass, in the world.
         holds: Whether the object is held.
-        fridge: (3,) x, y [m] and yaw [rad] of the frame that faces out of the fridge, if the goal
-            is inside; None otherwise.
+        cavity: The fridge or shelf that the goal is in; None otherwise.
     """
     hand_m, goal_m = hand_of(state), in_base(state, goal_m)
-    inside = None if fridge is None else Inside.of(state, fridge)
+    inside = None if cavity is None else Inside.of(state, cavity)
     if not holds:
         return np.append(_back(hand_m, goal_m, inside), -1.0)
     object_m = in_base(state, np.asarray(state.objects_m[0, 0], dtype=float))

@@ -3,7 +3,7 @@
 import gymnasium as gym
 import numpy as np
 import pytest
-from hab_experts import fridge_around
+from hab_experts import cavity_around
 from hab_plans.plan import plan_of
 from hab_plans.problem import task_of
 from hab_plans.stage import stage_of
@@ -72,7 +72,8 @@ def test_bases_at_the_fridge_are_before_it(dataset, request):
             scene = TrueScene(FETCH)
             scene.see({"privileged": env.unwrapped.privileged()}, 0)
             robot = Robot(scene, SpaConfig(), seed=0, deadline=500)
-            front = fridge_around(env.unwrapped.simulation, (FRIDGE, None))
+            fridge = cavity_around(env.unwrapped.simulation, (FRIDGE, None))
+            assert fridge is not None
             assert len(stages) == 3
             for stage in stages:
                 place_of = scene.object_m if stage.at == "start" else scene.goal_m
@@ -80,6 +81,8 @@ def test_bases_at_the_fridge_are_before_it(dataset, request):
                 first, _ = candidates(robot, stage, scene.floor_map(), point)
                 assert len(first)
                 # Up to 60 degrees: a place at the side of the fridge is reached at a slant.
-                assert (np.cos(first[:, 2] - front[2] - np.pi) > np.cos(np.deg2rad(60.0))).all()
+                assert (
+                    np.cos(first[:, 2] - fridge.frame[2] - np.pi) > np.cos(np.deg2rad(60.0))
+                ).all()
     finally:
         env.close()

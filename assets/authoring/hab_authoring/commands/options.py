@@ -70,6 +70,8 @@ Example:
     """Move all furniture, kitchen included, keeping tasks feasible. The layouts are split test."""
     corner: bool = False
     """With --wild: every fridge has a tall thing beside its handle, a wall or the counter."""
+    shelves: bool = False
+    """With --wild: the narrow shelves hang up to 0.32 m higher, at a height drawn anew."""
     extend: Annotated[str | None, tyro.conf.arg(metavar="SPLIT")] = None
     """With --wild: sample from the macro layouts of train, val or test, and add the layouts to this
     split of DATASET, whose own layouts DIR then has too."""

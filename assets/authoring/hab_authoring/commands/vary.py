@@ -5,6 +5,7 @@ from __future__ import annotations
 import statistics
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,7 +14,14 @@ from tqdm import tqdm
 from hab_authoring.commands.options import Vary
 from hab_authoring.inventory import macros_of_split
 from hab_authoring.layouts.vary import LayoutVarier, macro_scene_id
-from hab_authoring.layouts.wild import HANDLES_IN_CORNERS, MIRRORED, WildLayout, WildVarier
+from hab_authoring.layouts.wild import (
+    HANDLES_IN_CORNERS,
+    MIRRORED,
+    SPACING_M,
+    WildConfig,
+    WildLayout,
+    WildVarier,
+)
 from hab_authoring.layouts.write import write_layout_set, write_scene
 from hab_tasks.errors import HabError
 from hab_tasks.io.files import check_folder, folder_written_aside
@@ -75,6 +83,8 @@ def _check(options: Vary) -> None:
         raise HabError("--extend samples wild layouts of a split: give --wild and no --macro.")
     if options.corner and not options.wild:
         raise HabError("--corner puts fridges of wild layouts into corners: give --wild too.")
+    if options.shelves and not options.wild:
+        raise HabError("--shelves raises the shelves of wild layouts: give --wild too.")
 
 
 def _write(
@@ -104,7 +114,10 @@ def _ordinary(options: Vary, dataset: SceneDataset, macro: str) -> Iterator[Made
 def _wild(
     options: Vary, dataset: SceneDataset, macros: list[str] | None, found: list[WildLayout]
 ) -> Iterator[Made]:
-    varier = WildVarier(dataset, macros, HANDLES_IN_CORNERS if options.corner else None)
+    config = HANDLES_IN_CORNERS if options.corner else WildConfig()
+    if options.shelves:
+        config = replace(config, shelves_m=SPACING_M)
+    varier = WildVarier(dataset, macros, config)
     for index in range(1, options.count + 1):
         layout = varier.make(options.seed, index)
         found.append(layout)
@@ -120,6 +133,7 @@ def _layout_set(
         dataset.name,
         *(["wild"] if options.wild else []),
         *(["corner"] if options.corner else []),
+        *(["shelves"] if options.shelves else []),
         *([_short(macro)] if macro else []),
         *([options.extend] if options.extend else []),
     ]

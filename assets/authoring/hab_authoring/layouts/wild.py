@@ -36,6 +36,10 @@ from hab_tasks.world.scenes.layout_geometry import Joint, Layout
 from hab_tasks.world.scenes.walls import inner_walls, walls_without
 
 MIRRORED = "fridge_mirrored"
+NARROW_SHELVES = "frl_apartment_wall_cabinet_01"
+SPACING_M = 0.32
+"""Vertical distance of its boards."""
+
 _AWAY = np.eye(4)
 _AWAY[0, 3] = 1000.0
 
@@ -60,6 +64,7 @@ class WildConfig:
         chance_m: Noise of that order.
         attempts: Maximum number of arrangements.
         step_rad: Resolution of the door's measured free range.
+        shelves_m: Largest height by which the narrow shelves hang higher.
     """
 
     hinge_corner_share: float = 0.7
@@ -76,6 +81,7 @@ class WildConfig:
     chance_m: float = 0.2
     attempts: int = 400
     step_rad: float = 0.01
+    shelves_m: float = 0.0
 
 
 HANDLES_IN_CORNERS = WildConfig(hinge_corner_share=0.0, other_corner_share=1.0)
@@ -157,8 +163,9 @@ class WildVarier:
     ) -> WildLayout:
         layout = arrangement.layout
         joint = emptied.hinge(layout)
+        motions = arrangement.motions | arrangement.raised_shelves()
         return WildLayout(
-            scene=moved_scene(self.dataset, emptied.spec, arrangement.motions, emptied.scene),
+            scene=moved_scene(self.dataset, emptied.spec, motions, emptied.scene),
             macro=emptied.spec.scene_id,
             fridge=emptied.fridge.template,
             door_rad=free_range(joint, bodies_of(layout), self.config.step_rad).upper,
@@ -253,6 +260,16 @@ class _Arrangement:
                 self.refused[FULL] += 1
                 return False
         return not is_refused(self.refused, self.of.baseline.cramped(self.layout, self.motions))
+
+    def raised_shelves(self) -> dict[str, Array]:
+        """Draws the height of the narrow shelves; returns their motions (4, 4)."""
+        found = (piece for piece in self.of.pieces if piece.template == NARROW_SHELVES)
+        shelves = next(found, None)
+        if shelves is None or not self.config.shelves_m:
+            return {}
+        lift = np.eye(4)
+        lift[2, 3] = self.rng.uniform(0.0, self.config.shelves_m)
+        return {name: lift @ self.motions[name] for name in shelves.members}
 
     def _order(self) -> list[Piece]:
         """Returns the kitchen, then pieces in noisy order of decreasing size."""

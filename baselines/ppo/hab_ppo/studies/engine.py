@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import closing
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -106,7 +106,7 @@ def run_study(study: Study, options: StudyCommand) -> None:
         open_study(options.out, study.name, options.scale)
         work = options.out / WORK
         trainings = trainings_of(study, options.scale, work, options.command())
-        _train_all([one for one in trainings if not _ended(one)], options.workers)
+        train_all(trainings, options.workers)
         found = []
         for one in evaluations_of(study, options.scale, trainings):
             out = work / "evaluations" / one.name
@@ -160,13 +160,14 @@ def _about(training: Training) -> dict[str, object]:
     return {"seed": training.seed, "recipe": json.loads(json.dumps(to_json(training.recipe)))}
 
 
-def _train_all(trainings: list[Training], workers: int) -> None:
-    """Trains, several at a time."""
+def train_all(trainings: Iterable[Training], workers: int) -> None:
+    """Trains what has not ended, several at a time."""
+    left = [one for one in trainings if not _ended(one)]
     task = Task(start=_trainer, name=lambda one: f"Training {one.name}")
-    tell(f"{len(trainings)} trainings to go")
-    with closing(LocalExecutor(workers).run(task, trainings)) as ended:
+    tell(f"{len(left)} trainings to go")
+    with closing(LocalExecutor(workers).run(task, left)) as ended:
         for number, _ in ended:
-            tell(f"trained {trainings[number].name}")
+            tell(f"trained {left[number].name}")
 
 
 def _trainer() -> Callable[[Training], None]:

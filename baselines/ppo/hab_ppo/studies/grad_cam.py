@@ -30,9 +30,21 @@ from hab_ppo.agent import WEIGHTS, LoadedPolicy, load_policy, spec_of
 from hab_ppo.commands import StudyCommand
 from hab_ppo.network import Policy, new_policy
 from hab_ppo.observation import IMAGES, Observation, averaged
+from hab_ppo.plan import BEST
+from hab_ppo.recipes.pick import PICK_DEPTH
 from hab_ppo.rows import Student, VectorRows, binary_entries, policy_rows
-from hab_ppo.studies.engine import REFERENCES, SEED, SPLIT, WORK, kept_evaluation, open_study
+from hab_ppo.studies.engine import (
+    REFERENCES,
+    SEED,
+    SPLIT,
+    WORK,
+    Training,
+    kept_evaluation,
+    open_study,
+    train_all,
+)
 from hab_ppo.studies.report import write_readme
+from hab_ppo.studies.study import Arm, Budget
 from hab_tasks.agent_spaces import agent_setup
 from hab_tasks.engine.rollout import Job, play
 from hab_tasks.episodes import Episode, EpisodeRequest, load_episodes
@@ -43,7 +55,16 @@ from hab_tasks.io.threads import use_one_thread
 from hab_tasks.robots.cameras import hidden_links
 from hab_tasks.simulator import sapien_object
 
-NAME, AGENT, OTHER = "f4", "pick_depth", "place_depth"
+NAME, AGENT = "f4", "pick_depth"
+OTHER = Arm(
+    name="another seed",
+    recipe=PICK_DEPTH,
+    budgets={
+        "quick": Budget(steps=0, labelled=(1, 160), training_episodes=8, validation_episodes=1),
+        "full": Budget(steps=60_000, labelled=(5, 10_000), evaluations=4),
+    },
+)
+OTHER_SEED, ENV = 1, OTHER.recipe.env.env
 SCENES = 3
 EPISODES = {"quick": 6, "full": 100}
 RANDOM_SEEDS = 3
@@ -74,7 +95,8 @@ def run_grad_cam(options: StudyCommand) -> None:
     use_one_thread()
     with locked(options.out):
         open_study(options.out, NAME, options.scale)
-        loaded, other = (_loaded(name) for name in (AGENT, OTHER))
+        loaded = _loaded(WEIGHTS / f"{AGENT}.safetensors")
+        other = _loaded(_another(options) / BEST)
         frames = [_watched(loaded, one) for one in _episodes(options.workers)]
         table = "\n".join(_table(loaded, other, frames))
         maps = [_shown(loaded.policy, one) for one in frames]
@@ -88,15 +110,26 @@ def run_grad_cam(options: StudyCommand) -> None:
 # Frames --------------------------------------------------------------------------------------
 
 
-def _loaded(name: str) -> LoadedPolicy:
-    path = WEIGHTS / f"{name}.safetensors"
-    env_id = {AGENT: "HabPick-v1", OTHER: "HabPlace-v1"}[name]
-    return load_policy(agent_setup(env_id), path)
+def _loaded(weights: Path) -> LoadedPolicy:
+    return load_policy(agent_setup(ENV), weights)
+
+
+def _another(options: StudyCommand) -> Path:
+    """Trains the recipe with another seed; returns the folder."""
+    training = Training(
+        name=OTHER.slug,
+        recipe=OTHER.recipe_at(options.scale, NAME),
+        seed=OTHER_SEED,
+        out=options.out / WORK / OTHER.slug,
+        command=options.command(),
+    )
+    train_all([training], options.workers)
+    return training.out
 
 
 def _episodes(workers: int) -> list[Episode]:
     """Returns episodes in different layouts."""
-    request = EpisodeRequest(env_id="HabPick-v1", split=SPLIT, seed=SEED)
+    request = EpisodeRequest(env_id=ENV, split=SPLIT, seed=SEED)
     found: dict[str, Episode] = {}
     for one in load_episodes(request, 4 * SCENES, None, workers).episodes:
         found.setdefault(one.scene_id, one)
@@ -249,7 +282,7 @@ def _table(loaded: LoadedPolicy, other: LoadedPolicy, frames: list[Frames]) -> l
     """Returns the lines of the table, means over all frames."""
     randoms = [randomized(loaded, seed) for seed in range(RANDOM_SEEDS)]
     head = ["camera", "map", "on the arm %", "arm's area %", "random weights, on the arm %"]
-    head += ["correlation: random weights", f"`{OTHER}`", "among random weights"]
+    head += ["correlation: random weights", OTHER.name, "among random weights"]
     lines = [head, ["---"] * len(head)]
     for camera, name in enumerate(_cameras(loaded.policy)):
         arm = torch.cat([one.arm[:, camera] for one in frames])
@@ -319,7 +352,7 @@ def _solved(options: StudyCommand) -> str:
     """Returns the success of the policy and of the references."""
     config = EvalConfig(
         agent=f"hab_ppo:{AGENT}",
-        env="HabPick-v1",
+        env=ENV,
         split=SPLIT,
         seed=SEED,
         episodes=EPISODES[options.scale],
@@ -345,7 +378,8 @@ def _write(options: StudyCommand, table: str, solved: str) -> None:
         "different layouts; those of the three displacements are averaged. The images of the "
         "cameras share one network, so the map of a camera is computed with the other's image at "
         "its mean. Random weights: the same network before training, three seeds; a correlation "
-        f"(of ranks, mean over steps) near 1 would mean that the weights do not matter. {solved}",
+        "(of ranks, mean over steps) near 1 would mean that the weights do not matter. Another "
+        f"seed: the recipe of `{AGENT}`, trained again with seed {OTHER_SEED}. {solved}",
         table,
         f"![Depth images with the maps of displacement and grasp]({NAME}.png)",
         f"Video: [{NAME}.mp4]({NAME}.mp4).",

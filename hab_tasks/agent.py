@@ -145,6 +145,7 @@ class AgentSetup:
             `check_options`).
         device: Torch device of the agent's networks: ``cpu``, ``cuda:1``. Observations are CPU
             tensors; actions may be on any device.
+        robot: Uid of the robot; None for the environment's.
         spaces_of: (env_id, spec) -> spaces and cameras of that environment; see `spaces`.
     """
 
@@ -152,6 +153,7 @@ class AgentSetup:
     seed: int = 0
     options: Mapping[str, str] = field(default_factory=dict)
     device: str = "cpu"
+    robot: str | None = None
     spaces_of: Callable[[str, AgentSpec], AgentSpaces] = _no_spaces
 
     def spaces(self, spec: AgentSpec) -> AgentSpaces:

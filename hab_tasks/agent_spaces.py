@@ -20,6 +20,7 @@ from hab_tasks.errors import OptionError
 from hab_tasks.robots.cameras import CameraRig, camera_pose
 from hab_tasks.robots.control import control_configs
 from hab_tasks.robots.control_modes import action_space
+from hab_tasks.robots.spec import RobotSpec, robot_of
 from hab_tasks.simulator import convert_observation_to_space, parse_obs_mode_to_struct
 from hab_tasks.world.raycast.scene import CV_FROM_SAPIEN
 
@@ -44,40 +45,43 @@ def agent_setup(
     )
 
 
-def agent_spaces(env_id: str, spec: AgentSpec) -> AgentSpaces:
+def agent_spaces(env_id: str, spec: AgentSpec, robot: str | None = None) -> AgentSpaces:
     """Returns the spaces and cameras of environment `env_id` for `spec`.
 
+    `robot` is the uid of another robot than the environment's.
+
     Raises:
-        UnknownNameError: Unknown environment or control mode.
+        UnknownNameError: Unknown environment, robot or control mode.
         OptionError: The observation space depends on the scene, as with ``pointcloud``.
     """
     env = ENVS[env_id].env
-    control = control_configs(env.robot)[env.known_mode(spec.control_mode)]
-    obs: Any = _state(env, spec)
-    cameras = {} if spec.obs_mode in ("state", "state_dict") else _cameras(env, spec)
+    own = env.robot if robot is None else robot_of(robot)
+    control = control_configs(own)[env.known_mode(spec.control_mode)]
+    obs: Any = _state(env, spec, own)
+    cameras = {} if spec.obs_mode in ("state", "state_dict") else _cameras(env, spec, own)
     if spec.obs_mode == "state":
         obs = np.concatenate([x for group in obs.values() for x in group.values()], axis=1)
     elif cameras:
         obs |= _images(spec.obs_mode, cameras)
     return AgentSpaces(
         observation=convert_observation_to_space(obs, unbatched=True),
-        action=action_space(env.robot, control.arm, control.base),
+        action=action_space(own, control.arm, control.base),
         cameras=cameras,
     )
 
 
-def state_entries(env: type[HabEnv], spec: AgentSpec) -> tuple[ObsEntry, ...]:
+def state_entries(env: type[HabEnv], spec: AgentSpec, robot: RobotSpec) -> tuple[ObsEntry, ...]:
     """Returns the entries of the state observation, those of ``agent`` first."""
     options = spec.target_frame, spec.handle_position, spec.targets
-    entries = observed(env.observation, env.handle, env.robot, *options)
+    entries = observed(env.observation, env.handle, robot, *options)
     kept = (entry for entry in entries if spec.proprioception or not entry.proprioceptive)
     return tuple(sorted(kept, key=lambda entry: not entry.proprioceptive))
 
 
-def _state(env: type[HabEnv], spec: AgentSpec) -> dict[str, dict[str, Any]]:
+def _state(env: type[HabEnv], spec: AgentSpec, robot: RobotSpec) -> dict[str, dict[str, Any]]:
     """Returns zeros (1, ...) for the non-empty groups of ``agent`` and ``extra``."""
     groups: dict[str, dict[str, Any]] = {"agent": {}, "extra": {}}
-    for entry in state_entries(env, spec):
+    for entry in state_entries(env, spec, robot):
         groups[entry.group][entry.name] = np.zeros((1, *entry.shape), dtype=np.float32)
     return {name: group for name, group in groups.items() if group}
 
@@ -101,14 +105,14 @@ def _images(obs_mode: str, cameras: Mapping[str, CameraParameters]) -> dict[str,
     return {"sensor_param": dict.fromkeys(cameras, matrices), "sensor_data": data}
 
 
-def _cameras(env: type[HabEnv], spec: AgentSpec) -> dict[str, CameraParameters]:
+def _cameras(env: type[HabEnv], spec: AgentSpec, robot: RobotSpec) -> dict[str, CameraParameters]:
     """Returns the sensor cameras of an environment, in observation order."""
     names = env.cameras if spec.cameras is None else spec.cameras
-    rig = CameraRig.of(env.robot, names, spec.camera_size_px, spec.camera_hfov_rad)
+    rig = CameraRig.of(robot, names, spec.camera_size_px, spec.camera_hfov_rad)
     unmounted: Any = None
     found = {}
     for config in rig.configs(lambda _: unmounted):
-        place, pinhole = env.robot.cameras[config.uid], pinhole_of(config)
+        place, pinhole = robot.cameras[config.uid], pinhole_of(config)
         (fx, fy), (cx, cy) = pinhole.focal_px, pinhole.centre_px
         link_from_camera = camera_pose(place).to_transformation_matrix().astype(np.float64)
         link_from_camera[:3, :3] = link_from_camera[:3, :3] @ CV_FROM_SAPIEN.T

@@ -168,6 +168,7 @@ def snapshot(
     raw: dict[str, Any] = {
         "arm_qpos_rad": np.zeros((count, 7), np.float32),
         "base": np.zeros((count, 3), np.float32),
+        "fingers_m": np.zeros((count, 0), np.float32),
         "ee_m": np.zeros((count, 3), np.float32),
         "ee_axes": np.tile(np.eye(3, dtype=np.float32), (count, 1, 1)),
         "objects_m": np.zeros((count, objects, 3), np.float32),

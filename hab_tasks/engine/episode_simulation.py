@@ -7,7 +7,6 @@ from itertools import count
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import torch
 from mani_skill.envs.scene import ManiSkillScene
 
 from hab_tasks.arrays import Batch, Floats, of_row
@@ -27,7 +26,8 @@ from hab_tasks.geometry import Pose7
 from hab_tasks.option_values import flag, whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.control import LONGEST_STEPS, ActionDelay, ee_step_m
-from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.grasp import NOTHING, Grasp
+from hab_tasks.robots.hand import hand_of
 from hab_tasks.robots.hidden_objects import Containers
 from hab_tasks.robots.joint_setter import BLOCKED_DEPTH_M
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
@@ -67,7 +67,7 @@ class EpisodeSimulation:
 
     scene_bodies: SceneBodies
     truth: GroundTruth
-    grasp: SnapGrasp
+    grasp: Grasp
     rows: Rows
     row: int
     targets: list[int]
@@ -172,9 +172,8 @@ class EpisodeSimulation:
         agent, scene_bodies = self._agent, self.scene_bodies
         movable = list(scene_bodies.movable.values())
         self._names = list(scene_bodies.movable)
-        is_set, takes = agent.controller.config.arm == "joint_state", self.requirements.takes
         handles = handles_of(scene_bodies)
-        self.grasp = SnapGrasp(agent, movable, handles, takes, pulls_along=is_set)
+        self.grasp = hand_of(agent, movable, handles, self.requirements.takes)
         self._force = ContactForce(agent)
         self._reader = SnapshotReader(agent, self.grasp)
         self._setting = GoalSetting(self.requirements, scene_bodies, self.grasp)
@@ -320,10 +319,8 @@ class EpisodeSimulation:
         """
         self._loose = {}  # a restored state may have moved any of them
         self._freeze()
-        held, leaving_m = int(state["grasp"]["held"][0]), state["grasp"]["leaving_m"][0]
-        # What is held, or still leaving the hand, may be at rest in the state; it has to be
-        # dynamic.
-        for index in [held] * (held != NOTHING) + torch.nonzero(leaving_m).flatten().tolist():
+        # What is held, or still leaving the hand, may be at rest in the state.
+        for index in self.grasp.awake_in(state["grasp"]):
             self._sleeping.wake(index)
         self.grasp.set_state(state["grasp"])
         self._agent.controller.set_state(state["controller"])

@@ -14,7 +14,7 @@ from hab_tasks.articulations import HANDLE_MARKERS, ArticulationKind
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.errors import EpisodeError
 from hab_tasks.privileged import Array
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.grasp import Grasp
 from hab_tasks.robots.handle import Handle
 from hab_tasks.simulator import rigid_body, sapien_object
 from hab_tasks.world.scenes.build import to_sapien
@@ -102,9 +102,7 @@ class Goals:
 class GoalSetting:
     """Looks up the bodies that episodes name in the active layout."""
 
-    def __init__(
-        self, requirements: Requirements, scene_bodies: SceneBodies, grasp: SnapGrasp
-    ) -> None:
+    def __init__(self, requirements: Requirements, scene_bodies: SceneBodies, grasp: Grasp) -> None:
         self._needs, self._shown, self._grasp = requirements, scene_bodies, grasp
         self._names = list(scene_bodies.movable)
 

@@ -12,7 +12,7 @@ from hab_tasks.articulations import ArticulationKind
 from hab_tasks.engine.goals import Goals, frame_of
 from hab_tasks.episodes.schema import Episode
 from hab_tasks.privileged import Array, ArticulationState, CollisionBody, PrivilegedState
-from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.grasp import NOTHING, Grasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import sapien_object
 from hab_tasks.world.scenes.pool import BodyPool, SceneBodies, components, matrix, read_body
@@ -57,7 +57,7 @@ class GroundTruth:
         pool: BodyPool,
         scene_bodies: SceneBodies,
         agent: MobileManipulator,
-        grasp: SnapGrasp,
+        grasp: Grasp,
     ) -> None:
         """Reads the geometry of the active layout; `key` becomes its `scene_key`."""
         self._key, self._pool, self._scene_bodies = key, pool, scene_bodies

@@ -75,6 +75,7 @@ class HabEnv(ObservingEnv):
         sensor_noise: None, a `SensorNoise`, or a dict of its attributes; seeded by the episode.
         action_delay_steps: Delay of actions in steps (S F.5); at first the robot stands still.
         perturbation: None, a `Perturbation`, or a dict of its attributes.
+        grasp: ``snap`` or ``friction``; None for the robot's own.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
             `auto` does so unless colour is observed. A `render_mode` needs a renderer in any case.
@@ -119,10 +120,11 @@ class HabEnv(ObservingEnv):
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
         perturbation: Perturbation | Mapping[str, float] | None = None,
+        grasp: str | None = None,
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        self.robot = requested_robot(kwargs.pop("robot_uids", None), self.robot)
+        self.robot = requested_robot(kwargs.pop("robot_uids", None), grasp, self.robot)
         kwargs = self._known(kwargs)
         self.configure(entries("skill_config", skill_config))
         self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)

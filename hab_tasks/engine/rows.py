@@ -42,7 +42,8 @@ class Rows:
         first, count = simulations[0], len(simulations)
         requirements = first.requirements
         arm = len(first.robot.arm_joints)
-        self._sizes = arm, requirements.objects, len(requirements.articulations)
+        fingers = len(first.robot.finger_joints)
+        self._sizes = arm, fingers, requirements.objects, len(requirements.articulations)
         self.maps = first.maps
         # An environment has made a group of one of its simulation; a worker joins it with others
         # anew.
@@ -50,7 +51,7 @@ class Rows:
             simulation.rows, simulation.row = self, number
             simulation.maps = self.maps  # they differ in nothing, and take memory
         geodesic = GeodesicDistances(count) if requirements.navigates else None
-        self.tracker = Tracker(Goals.empty(count, *self._sizes[1:]), geodesic)
+        self.tracker = Tracker(Goals.empty(count, *self._sizes[2:]), geodesic)
         # One table for all rows and fields, so that a snapshot is one copy.
         self._table = np.zeros((count, Snapshot.width(*self._sizes)), dtype=np.float32)
         self._held = np.full((2, count), NOTHING)

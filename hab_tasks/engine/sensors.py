@@ -52,9 +52,16 @@ class ObsEntry:
 
 
 def of_robot(entries: Iterable[ObsEntry], robot: RobotSpec) -> tuple[ObsEntry, ...]:
-    """Returns entries with the shapes that follow from a robot."""
-    joints = (len(robot.arm_joints),)
-    return tuple(replace(e, shape=joints) if e.name == ARM_QPOS.name else e for e in entries)
+    """Returns entries with the shapes that follow from a robot, and those of its fingers."""
+    found: list[ObsEntry] = []
+    for entry in entries:
+        if entry.name != ARM_QPOS.name:
+            found.append(entry)
+            continue
+        found.append(replace(entry, shape=(len(robot.arm_joints),)))
+        if robot.fingers is not None:
+            found.append(FINGERS)
+    return tuple(found)
 
 
 def observed(
@@ -131,6 +138,16 @@ ARM_QPOS = ObsEntry(
     read=lambda s, m, g: s.arm_qpos_rad,
     proprioceptive=True,
 )
+FINGERS = ObsEntry(
+    name="fingers",
+    shape=(2,),
+    unit="m",
+    meaning="joints of the fingers, 0 is closed",
+    read=lambda s, m, g: s.fingers_m,
+    proprioceptive=True,
+)
+"""With a grasp by friction."""
+
 EE_POSITION = ObsEntry(
     name="ee_position",
     shape=(3,),

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from sapien.physx import PhysxRigidStaticComponent
 
 from hab_tasks.arrays import Batch, Bools, Floats, Ints
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.grasp import Grasp
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import rigid_body, sapien_object
 
@@ -22,6 +23,7 @@ class Snapshot:
 
     Attributes:
         arm_qpos_rad: (N, A) arm joints.
+        fingers_m: (N, F) joints of fingers that grasp by friction; F is 0 with the snap grasp.
         base: (N, 3) x [m], y [m], yaw [rad] of the base in the world.
         base_axes: (N, 3, 3) axes of the base frame in the world, as columns.
         ee_m: (N, 3) end-effector point in the world.
@@ -37,6 +39,7 @@ class Snapshot:
     """
 
     arm_qpos_rad: Floats
+    fingers_m: Floats
     base: Floats
     base_axes: Floats
     ee_m: Floats
@@ -51,24 +54,25 @@ class Snapshot:
     force_n: Floats
 
     @staticmethod
-    def width(arm: int, objects: int, articulations: int) -> int:
+    def width(arm: int, fingers: int, objects: int, articulations: int) -> int:
         """Returns the number of columns of `of_table`."""
-        return arm + _FIXED + 3 * objects + 4 * articulations
+        return arm + fingers + _FIXED + 3 * objects + 4 * articulations
 
     @staticmethod
     def of_table(
-        table: Floats, arm: int, objects: int, articulations: int, **others: Batch
+        table: Floats, arm: int, fingers: int, objects: int, articulations: int, **others: Batch
     ) -> Snapshot:
         """Returns views of a table (N, `width`), which `SnapshotReader.read` fills row by row.
 
         `others` are held, held_handle, lost and force_n.
         """
-        # Columns after the arm's, as `read` fills them: base 0 to 2, end-effector 3 to 5, its axes
-        # 6 to 14, the end-effector in the base frame 15 to 17, the base's axes 18 to 26.
-        count, fixed = len(table), table[:, arm:]
+        # Columns after the joints', as `read` fills them: base 0 to 2, end-effector 3 to 5, its
+        # axes 6 to 14, the end-effector in the base frame 15 to 17, the base's axes 18 to 26.
+        count, fixed = len(table), table[:, arm + fingers :]
         ends = _FIXED + 3 * objects, _FIXED + 3 * (objects + articulations)
         return Snapshot(
             arm_qpos_rad=table[:, :arm],
+            fingers_m=table[:, arm : arm + fingers],
             base=fixed[:, :3],
             base_axes=fixed[:, 18:27].reshape(count, 3, 3),
             ee_m=fixed[:, 3:6],
@@ -82,17 +86,19 @@ class Snapshot:
 
 
 _FIXED = 27
-"""Columns of a table between arm joints and objects: base, its frame and the end-effector."""
+"""Columns of a table between joints and objects: base, its frame and the end-effector."""
 
 
 class SnapshotReader:
     """Reads the robot, and the required objects and handles, of one simulation."""
 
-    def __init__(self, agent: MobileManipulator, grasp: SnapGrasp) -> None:
+    def __init__(self, agent: MobileManipulator, grasp: Grasp) -> None:
         self._robot = sapien_object(agent.robot)
         self._ee_link = sapien_object(agent.ee_link)
-        self._joints = agent.arm_index.tolist() + agent.base_index.tolist()
-        self._arm, self._ee_offset_m = len(agent.arm_index), agent.spec.ee_offset_m
+        fingers = [agent.joint_index[name] for name in agent.spec.finger_joints]
+        arm = agent.arm_index.tolist() + fingers
+        self._joints, self._arm = arm + agent.base_index.tolist(), len(arm)
+        self._ee_offset_m = agent.spec.ee_offset_m
         self._bodies = [(rigid_body(a), rigid_body(a).cmass_local_pose) for a in grasp.objects]
         self._handles = grasp.handles
 
@@ -137,6 +143,8 @@ def world_to_base(base: Floats, points_m: Floats) -> Floats:
 class ContactForce:
     """C_t: contact force on the robot's links in a control step, held object excluded.
 
+    With a grasp by friction, what the fingers press on objects, doors and drawers is excluded.
+
     Magnitudes of all contact impulses on the robot [N s], summed over links and over the physics
     steps of one action, divided by the action's duration [s]: a mean force [N].
     """
@@ -144,6 +152,9 @@ class ContactForce:
     def __init__(self, agent: MobileManipulator) -> None:
         self._px: Any = agent.scene.px
         self._links = {sapien_object(link) for link in agent.robot.links}
+        grips = agent.spec.fingers is not None
+        names = agent.spec.finger_links if grips else ()
+        self._fingers: set[Any] = {sapien_object(agent.link(name)) for name in names}
         self._impulse_n_s = 0.0
 
     def clear(self) -> None:
@@ -154,12 +165,19 @@ class ContactForce:
         """Adds the contacts of the physics step that just ended."""
         apart = self._links.isdisjoint
         for contact in self._px.get_contacts():
-            # The engine filters contacts between held object and robot, so they are not included.
-            if not apart(contact.bodies):
+            # The engine filters contacts between a robot and what is snapped to its hand.
+            if not apart(contact.bodies) and not self._is_grip(contact.bodies):
                 for point in contact.points:
                     # Magnitudes are summed: of a link that is squeezed, the vectors would cancel.
                     x, y, z = point.impulse.tolist()
                     self._impulse_n_s += (x * x + y * y + z * z) ** 0.5
+
+    def _is_grip(self, bodies: Sequence[Any]) -> bool:
+        """Whether a finger that grasps by friction touches what it could hold."""
+        return not self._fingers.isdisjoint(bodies) and not any(
+            isinstance(body, PhysxRigidStaticComponent) or body in self._links - self._fingers
+            for body in bodies
+        )
 
     def points_m(self) -> Floats:
         """Returns where the robot pressed on other bodies in the latest physics step, (C, 3)."""

@@ -15,7 +15,7 @@ from hab_tasks.episodes.schema import ReceptacleRef, RobotStart, rounded, templa
 from hab_tasks.episodes.spots import MOST_OBJECTS, Spot
 from hab_tasks.geometry import Array, Pose7, pose, rotation_between
 from hab_tasks.receptacles import FRIDGE
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.hand import hand_of
 
 Disc = tuple[Array, float]
 """Centre (3,) and radius [m] of a disc on a surface."""
@@ -190,7 +190,7 @@ def falls_to(sandbox: PlacementSandbox, robot: RobotStart, held: str, goal_com_m
     """
     agent = sandbox.stand_robot(robot.base, robot.arm_pose(sandbox.robot))
     names, movable = list(sandbox.scene_bodies.movable), list(sandbox.scene_bodies.movable.values())
-    grasp = SnapGrasp(agent, movable, [], "objects")
+    grasp = hand_of(agent, movable, [], "objects")
     grasp.attach(names.index(held))
     idle = agent.controller.idle_action(holding=False)
     near = False

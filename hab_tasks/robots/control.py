@@ -124,6 +124,7 @@ class HabController(BaseController):
         self._arm = [names.index(name) for name in robot.arm_joints]
         self._base = [names.index(name) for name in robot.base_joints]
         self._locked = {names.index(name): value for name, value in robot.locked_qpos.items()}
+        self._fingers = [self._joints[names.index(name)] for name in robot.finger_joints]
         self._arm_setter = JointSetter(self._robot, self._arm)
         self._base_setter = JointSetter(self._robot, self._base)
         self._arm_drives = [self._joints[i].set_drive_target for i in self._arm]
@@ -131,7 +132,7 @@ class HabController(BaseController):
 
     def set_drive_property(self) -> None:
         """Sets all joint drives. A base that actions do not control is held in place."""
-        c = self.config
+        c, fingers = self.config, self.config.robot.fingers
         if c.sets_joints:
             for link in self.articulation.links:
                 sapien_object(link).set_max_depenetration_velocity(PUSH_APART_M_S)
@@ -144,6 +145,10 @@ class HabController(BaseController):
             elif joint.name in c.robot.base_joints:
                 stiffness = c.base_stiffness if c.base in ("still", "pose") else 0.0
                 joint.set_drive_properties(stiffness, c.base_damping, c.base_force_n, mode="force")
+            elif fingers is not None and joint.name in fingers.joints:
+                joint.set_drive_properties(
+                    fingers.stiffness_n_m, fingers.damping_n_s_m, fingers.force_n, mode="force"
+                )
             else:
                 joint.set_drive_properties(c.lock_stiffness, c.lock_damping, 1000.0, mode="force")
 
@@ -156,6 +161,11 @@ class HabController(BaseController):
         for index, joint in enumerate(self._joints):
             joint.set_drive_target(self._locked.get(index, float(qpos[index])))
             joint.set_drive_velocity_target(0.0)
+
+    def move_fingers(self, opening_m: float) -> None:
+        """Drives the fingers of a hand that grasps by friction to a joint position."""
+        for joint in self._fingers:
+            joint.set_drive_target(opening_m)
 
     def set_action(self, action: Tensor) -> None:
         """Sets drive targets from an action (1, A), or from one cell; raises as `check` does."""

@@ -30,6 +30,29 @@ class CameraPlace:
     target_m: Point | None = None
 
 
+@dataclass(frozen=True, kw_only=True)
+class Fingers:
+    """Two fingers that close along the y axis of `RobotSpec.ee_link`.
+
+    Attributes:
+        joints: Their joints; 0 is closed.
+        open_m: Position of each joint when the hand is open; half of the gap between the fingers.
+        depth_m: Extent of the fingers along the x axis of `ee_link`, lower and upper.
+        force_n: Maximum force of each.
+        stiffness_n_m: Of their drives.
+        damping_n_s_m: Likewise.
+        friction: Coefficient of friction of their pads.
+    """
+
+    joints: tuple[str, str]
+    open_m: float
+    depth_m: tuple[float, float]
+    force_n: float = 100.0
+    stiffness_n_m: float = 1e3
+    damping_n_s_m: float = 1e2
+    friction: float = 2.0
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class RobotSpec:
     """Specification of a mobile manipulator. Importing one does not load the simulator.
@@ -54,6 +77,7 @@ class RobotSpec:
         base_angular_speed_rad_s: Maximum angular speed.
         body_links: Links of the base and of what it carries, near which objects are awake.
         finger_links: The links of the gripper's fingers.
+        fingers: The fingers, if they grasp by friction; None with the snap grasp (S E.3).
         ee_link: The link that carries the gripper.
         ee_offset_m: Offset of the end-effector point from `ee_link` along its x axis.
         ee_lower_m: Lower corner of the end-effector's workspace box in the base frame.
@@ -80,6 +104,7 @@ class RobotSpec:
     base_angular_speed_rad_s: float
     body_links: tuple[str, ...]
     finger_links: tuple[str, ...]
+    fingers: Fingers | None = None
     ee_link: str
     ee_offset_m: float
     ee_lower_m: Point
@@ -89,6 +114,16 @@ class RobotSpec:
     def __deepcopy__(self, memo: object) -> RobotSpec:
         """Returns itself: ManiSkill copies the configurations of its controllers."""
         return self
+
+    @property
+    def finger_joints(self) -> tuple[str, ...]:
+        """Joints of fingers that grasp by friction; none with the snap grasp."""
+        return () if self.fingers is None else self.fingers.joints
+
+    @property
+    def grasp(self) -> str:
+        """``snap`` or ``friction``."""
+        return "snap" if self.fingers is None else FRICTION
 
     @property
     def base_step_m(self) -> float:
@@ -106,6 +141,8 @@ class RobotSpec:
 
         return Path(mani_skill.PACKAGE_ASSET_DIR) / self.urdf
 
+
+FRICTION = "friction"
 
 _robots: dict[str, tuple[RobotSpec, str]] = {}
 """Uid -> specification, and ``module:Class`` of the agent."""
@@ -133,9 +170,34 @@ def agent_class(spec: RobotSpec) -> Any:
     return getattr(import_module(module), name)
 
 
-def requested_robot(uids: Any, default: RobotSpec) -> RobotSpec:
-    """Returns the robot of ManiSkill's option, a uid or, in recorded options, a list of one."""
+def requested_robot(uids: Any, grasp: str | None, default: RobotSpec) -> RobotSpec:
+    """Returns the robot of ManiSkill's option, with the grasp of ours.
+
+    Args:
+        uids: A uid or, in recorded options, a list of one; None for the default.
+        grasp: ``snap`` or ``friction``; None for the robot's own.
+        default: The environment's robot.
+
+    Raises:
+        UnknownNameError: There is no such robot, or it has no such grasp.
+    """
     uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
-    robot = default if uid is None else robot_of(uid)
+    robot = with_grasp(default if uid is None else robot_of(uid), grasp)
     agent_class(robot)  # registers it with ManiSkill
     return robot
+
+
+def with_grasp(robot: RobotSpec, grasp: str | None) -> RobotSpec:
+    """Returns a robot with another grasp, which is registered as ``UID_friction``.
+
+    Raises:
+        UnknownNameError: It has no such grasp.
+    """
+    plain = robot.uid.removesuffix(f"_{FRICTION}")
+    both = (_robots.get(uid) for uid in (plain, f"{plain}_{FRICTION}"))
+    known = {found[0].grasp: found[0] for found in both if found is not None}
+    if grasp is None:
+        return robot
+    if grasp not in known:
+        raise UnknownNameError(f"grasp of {robot.uid}", grasp, known)
+    return known[grasp]

@@ -118,7 +118,8 @@ class PolicyServer:
         if agent.spec.privileged:
             raise AgentError(f"{options.agent} reads the true state, which is not sent to servers.")
         spec, spaces = agent.spec, setup.spaces(agent.spec)
-        entries = state_entries(ENVS[self._env].env, spec)
+        env = ENVS[self._env].env
+        entries = state_entries(env, spec, env.robot)
         prompt = PROMPT[options.protocol]
         self._reader = MessageReader(spec, entries, spaces.observation, prompt)
         self._idle, self._lock, self._count = [agent], threading.Lock(), 0

@@ -19,6 +19,8 @@ from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.captions import LEGEND
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
+from hab_tasks.robots import DEFAULT_ROBOT
+from hab_tasks.robots.spec import robot_of, with_grasp
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
@@ -57,18 +59,35 @@ def setup_of(config: EvalConfig, device: str = "cpu") -> AgentSetup:
         config: The evaluation's configuration.
         device: Device of the agent's networks.
     """
-    return make_setup(config.env, agent_seed(config.seed), config.options, device)
+    seed, robot = agent_seed(config.seed), robot_asked(config.env_options)
+    return make_setup(config.env, seed, config.options, device, robot)
 
 
-def make_setup(env_id: str, seed: int, options: Mapping[str, str], device: str) -> AgentSetup:
+def make_setup(
+    env_id: str, seed: int, options: Mapping[str, str], device: str, robot: str | None = None
+) -> AgentSetup:
     """Returns a setup with spaces; its `seed` is the agent's, see `agent_seed`."""
 
     def spaces_of(env_id: str, spec: AgentSpec) -> AgentSpaces:
         from hab_tasks.agent_spaces import agent_spaces  # loads the simulator, if asked for
 
-        return agent_spaces(env_id, spec)
+        return agent_spaces(env_id, spec, robot)
 
-    return AgentSetup(env_id=env_id, seed=seed, options=options, device=device, spaces_of=spaces_of)
+    return AgentSetup(
+        env_id=env_id, seed=seed, options=options, device=device, robot=robot, spaces_of=spaces_of
+    )
+
+
+def robot_asked(env_options: Mapping[str, str]) -> str | None:
+    """Returns the uid of the robot of the options ``robot`` and ``grasp``; None without them.
+
+    Raises:
+        UnknownNameError: There is no such robot, or it has no such grasp.
+    """
+    uid, grasp = env_options.get("robot"), env_options.get("grasp")
+    if uid is None and grasp is None:
+        return None
+    return with_grasp(robot_of(uid or DEFAULT_ROBOT.uid), grasp).uid
 
 
 def load_episode_set(
@@ -87,6 +106,7 @@ def request_of(config: EvalConfig) -> hab_tasks.EpisodeRequest:
         split=config.split,
         seed=config.seed,
         novel=config.novel,
+        robot=robot_asked(config.env_options) or DEFAULT_ROBOT.uid,
         clutter=env_arguments(config.env_options).get("perturbation", {}).get("clutter", 0),
     )
 
@@ -104,7 +124,7 @@ def env_arguments(options: Mapping[str, str]) -> dict[str, Any]:
     from hab_tasks.engine.perturbation import Perturbation
 
     groups = {"sensor_noise": SensorNoise(), "perturbation": Perturbation()}
-    usual: dict[str, float] = {"action_delay_steps": 0}
+    usual: dict[str, float | str] = {"action_delay_steps": 0, "robot": "", "grasp": ""}
     for group, values in groups.items():
         usual |= {f"{group}.{name}": value for name, value in asdict(values).items()}
     found: dict[str, Any] = {}
@@ -117,6 +137,10 @@ def env_arguments(options: Mapping[str, str]) -> dict[str, Any]:
             raise OptionError.of_value(f"--env-option {name}", text, "a number") from error
         group, _, entry = name.rpartition(".")
         (found.setdefault(group, {}) if group else found)[entry] = value
+    asked = robot_asked(options)
+    if asked is not None:
+        found = {k: v for k, v in found.items() if k not in ("robot", "grasp")}
+        found["robot_uids"] = asked
     for group in groups.keys() & found.keys():
         type(groups[group]).of(found[group])
     return found

@@ -33,7 +33,7 @@ from hab_eval.run.agent_checks import (
     without_exit,
 )
 from hab_eval.run.agents import load_agent
-from hab_eval.run.environments import agent_seed, make_setup, setup_of
+from hab_eval.run.environments import agent_seed, make_setup, robot_asked, setup_of
 from hab_eval.run.observations import LazyBatch, LazyObservation
 from hab_tasks.agent import Agent, AgentReport, AgentSpec, of_rows
 from hab_tasks.errors import HabError, RunStoppedError
@@ -125,8 +125,8 @@ _Ask = Callable[[str, Sequence[int]], Mapping[str, Any]]
 
 def start_agent(config: EvalConfig, device: str) -> Worker:
     """Starts a process that loads the agent."""
-    seed = agent_seed(config.seed)
-    return Worker(_serve, config.agent, config.env, seed, config.options, device)
+    seed, robot = agent_seed(config.seed), robot_asked(config.env_options)
+    return Worker(_serve, config.agent, config.env, seed, config.options, device, robot)
 
 
 @contextlib.contextmanager
@@ -250,12 +250,13 @@ def _serve(
     seed: int,
     options: Mapping[str, str],
     device: str,
+    robot: str | None,
 ) -> None:
     """Main function of an agent's process; runs until the evaluator closes the pipe."""
     sys.argv[1:] = []  # the run's seed is among them
     with contextlib.suppress(EOFError, ConnectionError):
         try:
-            agent = load_agent(reference, make_setup(env_id, seed, options, device))
+            agent = load_agent(reference, make_setup(env_id, seed, options, device, robot))
             _answer(connection, to_json(agent.spec))
             _serve_calls(connection, agent)
         except (EOFError, ConnectionError):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hab_tasks.constants import REST_POSITION_M
-from hab_tasks.robots.spec import CameraPlace, RobotSpec, register_robot
+from hab_tasks.robots.spec import CameraPlace, Fingers, RobotSpec, register_robot
 
 _ARM = (
     *("shoulder_pan", "shoulder_lift", "upperarm_roll", "elbow_flex"),
@@ -53,4 +55,19 @@ FETCH = RobotSpec(
     },
 )
 
+_FINGERS = Fingers(
+    joints=("l_gripper_finger_joint", "r_gripper_finger_joint"),
+    open_m=0.05,
+    depth_m=(-0.029, 0.031),
+)
+
+FETCH_FRICTION = replace(
+    FETCH,
+    uid="hab_fetch_friction",
+    fingers=_FINGERS,
+    locked_qpos={**FETCH.locked_qpos, **dict.fromkeys(_FINGERS.joints, _FINGERS.open_m)},
+)
+"""Fetch whose fingers grasp by friction, open at the start."""
+
 register_robot(FETCH, "hab_tasks.robots.fetch.agent:HabFetch")
+register_robot(FETCH_FRICTION, "hab_tasks.robots.fetch.agent:HabFetchFriction")

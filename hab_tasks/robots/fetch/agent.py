@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 
 from mani_skill.agents.registration import register_agent
 
-from hab_tasks.robots.fetch import FETCH
+from hab_tasks.robots.fetch import FETCH, FETCH_FRICTION
 from hab_tasks.robots.fetch.light_visuals import lighten
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.robots.spec import RobotSpec
@@ -76,3 +76,11 @@ class HabFetch(MobileManipulator):
     def srdf(self) -> str:
         """Returns ManiSkill's SRDF with `NEAR_PAIRS` added."""
         return _ignored_pairs(self.spec)
+
+
+@register_agent()
+class HabFetchFriction(HabFetch):
+    """Fetch whose fingers grasp by friction."""
+
+    spec = FETCH_FRICTION
+    uid = FETCH_FRICTION.uid

@@ -99,7 +99,10 @@ def page() -> str:
 def _states() -> list[str]:
     """Returns the table of entries, then the layout of every environment's state."""
     specs = {name: _spec(name) for name in ENVS}
-    of_env = {name: state_entries(ENVS[name].env, spec) for name, spec in specs.items()}
+    of_env = {
+        name: state_entries(ENVS[name].env, spec, ENVS[name].env.robot)
+        for name, spec in specs.items()
+    }
     known = {entry.name: entry for entries in of_env.values() for entry in entries}
     extra = [e.env.handle for e in ENVS.values() if e.env.handle is not None]
     ee = [entry.in_ee for entry in known.values() if entry.in_ee is not None]

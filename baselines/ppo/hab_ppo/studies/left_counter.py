@@ -32,7 +32,7 @@ QUICK = Budget(
 )
 BLIND_BUDGETS = {
     "quick": replace(QUICK, steps=3_200, labelled=(2, 3_000)),
-    "full": Budget(steps=400_000, seeds=3),
+    "full": Budget(steps=200_000, labelled=(5, 10_000), seeds=3, evaluations=5, episodes=300),
 }
 DEPTH_BUDGETS = {
     "quick": replace(QUICK, steps=800, labelled=(2, 1_000), evaluations=1),

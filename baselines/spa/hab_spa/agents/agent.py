@@ -21,7 +21,7 @@ from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.registration import imported_id
-from hab_tasks.robots.spec import RobotSpec
+from hab_tasks.robots.spec import RobotSpec, robot_of
 
 Behaviour = Callable[[Robot], Motion]
 
@@ -49,8 +49,8 @@ class SpaAgent:
         kernel()  # compiled or read here, not in the first plan
         self.spec = spec
         self._config, self._behave = config or SpaConfig(), behave
-        env = ENVS[setup.env_id].env
-        self._horizon_steps, self._make_scene = env.horizon_steps, partial(make_scene, env.robot)
+        self._horizon_steps = ENVS[setup.env_id].env.horizon_steps
+        self._make_scene = partial(make_scene, robot_for(setup))
         self._rows: list[_Row] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -172,10 +172,16 @@ def skill_asked(setup: AgentSetup, agent: str, skills: Mapping[str, T]) -> tuple
     return env_id, skills[env_id]
 
 
+def robot_for(setup: AgentSetup) -> RobotSpec:
+    """Returns the robot that an agent is set up for."""
+    own = ENVS[imported_id(setup.env_id)].env.robot
+    return own if setup.robot is None else robot_of(setup.robot)
+
+
 def planned(setup: AgentSetup, config: SpaConfig | None = None) -> SpaConfig:
     """Returns parameters, the paper's by default, with the planner of the option ``planner``."""
     return (config or SpaConfig()).planned_by(
-        setup.options.get("planner", "ompl"), ENVS[imported_id(setup.env_id)].env.robot
+        setup.options.get("planner", "ompl"), robot_for(setup)
     )
 
 

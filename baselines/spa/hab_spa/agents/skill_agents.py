@@ -7,7 +7,14 @@ from dataclasses import replace
 
 from hab_plans.motion import Failure, Motion
 
-from hab_spa.agents.agent import Behaviour, SpaAgent, control_mode, planned, skill_asked
+from hab_spa.agents.agent import (
+    Behaviour,
+    SpaAgent,
+    control_mode,
+    planned,
+    robot_for,
+    skill_asked,
+)
 from hab_spa.motion.drive import DriveConfig, drive_to
 from hab_spa.motion.follow import FollowConfig
 from hab_spa.motion.moves import draw_out, rest
@@ -22,6 +29,7 @@ from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
 from hab_spa.skills.look import LookConfig, look_again, look_around, look_at, look_closer
+from hab_spa.skills.friction_pick import pick_by_friction
 from hab_spa.skills.pick import pick
 from hab_spa.skills.place import place
 from hab_tasks.agent import AgentSetup, AgentSpec
@@ -49,6 +57,9 @@ SKILLS: dict[str, Behaviour] = {
 }
 """Environment id -> behaviour."""
 
+FRICTION_SKILLS: dict[str, Behaviour] = {"HabPick-v1": lambda robot: pick_by_friction(robot, 0)}
+"""Likewise, with fingers that grasp by friction."""
+
 
 def spa_priv(setup: AgentSetup) -> SpaAgent:
     """Returns SPA-Priv: sense-plan-act in one skill, with the ground-truth scene geometry.
@@ -58,7 +69,8 @@ def spa_priv(setup: AgentSetup) -> SpaAgent:
     Raises:
         UnknownNameError: The environment is not a supported skill, or an option is unknown.
     """
-    env_id, skill = skill_asked(setup, "SPA-Priv", SKILLS)
+    skills = SKILLS if robot_for(setup).fingers is None else FRICTION_SKILLS
+    env_id, skill = skill_asked(setup, "SPA-Priv", skills)
     mode = control_mode(env_id, setup.options)
     spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
     return SpaAgent(setup, spec, TrueScene, skill, planned(setup))

@@ -10,6 +10,7 @@ import numpy as np
 from hab_plans.belief import known_opening
 from numpy.typing import NDArray
 
+from hab_spa.planning.antipodal import AntipodalConfig, antipodal_grasps
 from hab_spa.planning.collision import ArmCollision, within
 from hab_spa.planning.joint_goal import GraspConfig, sphere_m
 from hab_spa.shapes import Array, body_bounds_m, invert_pose, standing
@@ -83,6 +84,25 @@ class TrueScene:
         else:
             points_m = face_centres_m(self.state, name)
         return points_m[would_grasp(self.state, name, points_m, config)]
+
+    def name_of(self, number: int) -> str:
+        """Returns the name of an object of the episode."""
+        return self.state.targets[number]
+
+    def grasps(self, number: int) -> Array:
+        """Returns end-effector poses (G, 4, 4) at which fingers grasp an object by friction.
+
+        Raises:
+            ValueError: The robot has no driven fingers.
+        """
+        if self.robot.fingers is None:
+            raise ValueError(f"grasps: {self.robot.uid} has no driven fingers.")
+        name = self.name_of(number)
+        hand_from_ee = np.eye(4)
+        hand_from_ee[0, 3] = self.robot.ee_offset_m
+        body = next(body for body in self.state.bodies if body.name == name)
+        body_from_hand = antipodal_grasps(body, self.robot.fingers, 0, AntipodalConfig())
+        return self.state.world_from_body[name] @ body_from_hand @ hand_from_ee
 
     def ee_from_held(self) -> Array:
         """Returns the centre of mass (3,) of the held object, in the end-effector's frame.

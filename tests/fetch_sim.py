@@ -5,7 +5,7 @@ import torch
 from builders import box_actor, cpu_scene, start_fetch
 
 from hab_tasks.robots.fetch.agent import HabFetch
-from hab_tasks.robots.grasp import SnapGrasp
+from hab_tasks.robots.hand import hand_of
 
 GRASP, RELEASE = 1.0, -1.0
 HAND_M = np.array([0.50004, 1.5e-5, 1.005])
@@ -19,10 +19,10 @@ class FetchSim:
         speeds: Largest joint speed [rad/s, m/s] of each simulation step.
     """
 
-    def __init__(self, mode, boxes=(), statics=(), *, floating=True):
+    def __init__(self, mode, boxes=(), statics=(), *, floating=True, robot=HabFetch):
         """Makes boxes and walls from half extents and offsets from the hand [m]."""
         self.scene = cpu_scene()
-        self.agent = HabFetch(self.scene, 30, mode)
+        self.agent = robot(self.scene, 30, mode)
         self.objects = [
             box_actor(self.scene, f"box{i}", half, tuple(HAND_M + offset))
             for i, (half, offset) in enumerate(boxes)
@@ -34,7 +34,7 @@ class FetchSim:
         for actor in self.objects:
             actor._bodies[0].disable_gravity = floating
         self.controller = self.agent.controller
-        self.grasp = SnapGrasp(self.agent, self.objects, [])
+        self.grasp = hand_of(self.agent, self.objects, [], "objects")
         self.speeds = [0.0]
 
     def act(self, action, gripper=RELEASE, *, steps=1):

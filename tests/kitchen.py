@@ -6,8 +6,8 @@ import torch
 from builders import cpu_scene
 
 from hab_tasks.robots.fetch.agent import HabFetch
-from hab_tasks.robots.grasp import SnapGrasp
 from hab_tasks.robots.handle import Handle
+from hab_tasks.robots.snap_grasp import SnapGrasp
 from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
 from hab_tasks.world.scenes.pool import BodyPool

@@ -124,8 +124,7 @@ class HabEnv(ObservingEnv):
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        self.robot = requested_robot(kwargs.pop("robot_uids", None), grasp, self.robot)
-        kwargs = self._known(kwargs)
+        kwargs = self._known(kwargs, grasp)
         self.configure(entries("skill_config", skill_config))
         self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
@@ -136,8 +135,9 @@ class HabEnv(ObservingEnv):
         self.simulation = self._simulated(where | of, Perturbation.of(perturbation), *options)
         super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
 
-    def _known(self, options: dict[str, Any]) -> dict[str, Any]:
-        """Returns ManiSkill's options, checked, with a valid control mode."""
+    def _known(self, options: dict[str, Any], grasp: str | None) -> dict[str, Any]:
+        """Sets the robot; returns ManiSkill's other options, checked, with a control mode."""
+        self.robot = requested_robot(options.pop("robot_uids", None), grasp, self.robot)
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, options)
         return {**options, "control_mode": self.known_mode(options.get("control_mode"))}
 

@@ -29,6 +29,10 @@ HAND_CLEARANCE_M = 0.25
 """Minimum distance of the hand to the skill's target at the start. The hand snaps to everything
 within 0.15 m; random actions that start 0.2 m away still solve 8 % of Place (4 of 50)."""
 
+FINGERS_REACH_M = 0.05
+"""Distance to which fingers that grasp by friction have to reach, instead of
+`StartNoise.reach_radius_m`."""
+
 HAND_TOO_NEAR = f"the hand starts within {HAND_CLEARANCE_M} m of its target"
 """Rejection reason, counted per pose; the next pose is tried."""
 
@@ -234,7 +238,7 @@ class RobotStarts:
     def reaches(self, base: Base, target_m: Array) -> bool:
         """Whether a collision-free arm pose brings the hand within grasping range."""
         noise, robot = self.noise, self._kinematics.robot
-        slack = noise.reach_radius_m
+        slack = noise.reach_radius_m if robot.fingers is None else FINGERS_REACH_M
         if not in_workspace(robot, base, target_m, slack):
             return False
         local = in_base_frame(base, target_m)

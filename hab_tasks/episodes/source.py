@@ -33,6 +33,7 @@ from hab_tasks.episodes.schema import (
     stable_hash,
     write_episodes,
 )
+from hab_tasks.episodes.spanning import spanned
 from hab_tasks.errors import EpisodeError, FileError, OptionError, UnknownNameError
 from hab_tasks.io.cache import find, read_cached, write_cached
 from hab_tasks.io.executors import Executor, LocalExecutor, Task
@@ -322,11 +323,13 @@ class EpisodeSource:
         self.rejections.update(made.rejections)
 
     def _new_generator(self) -> base.Generator:
+        robot = robot_of(self._request.robot)
+        names = UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS
         drawn = Objects(
             templates=self.objects,
-            names=UNSEEN_OBJECTS if self.novel == "objects" else TRAIN_OBJECTS,
+            names=spanned(names, self.objects, robot),
             receptacles=UNSEEN_RECEPTACLES if self.novel == "receptacles" else None,
-            robot=robot_of(self._request.robot),
+            robot=robot,
         )
         return self._make_generator(self.scene_ids(), self.scene, drawn)
 

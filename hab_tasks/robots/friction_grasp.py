@@ -94,7 +94,7 @@ class FrictionGrasp(Grasp):
 
     def _close(self, closes: bool) -> None:
         self._closes = closes
-        self._controller.move_fingers(0.0 if closes else self._spec.open_m)
+        self._controller.move_fingers(-self._spec.squeeze_m if closes else self._spec.open_m)
 
     def _pressed_n(self) -> dict[Any, list[float]]:
         """Returns the force of each finger on other bodies in the latest physics step."""

@@ -37,6 +37,7 @@ class Fingers:
     Attributes:
         joints: Their joints; 0 is closed.
         open_m: Position of each joint when the hand is open; half of the gap between the fingers.
+        squeeze_m: Closing fingers are driven so far beyond closed: even thin things are pressed.
         depth_m: Extent of the fingers along the x axis of `ee_link`, lower and upper.
         force_n: Maximum force of each.
         stiffness_n_m: Of their drives.
@@ -47,10 +48,16 @@ class Fingers:
     joints: tuple[str, str]
     open_m: float
     depth_m: tuple[float, float]
+    squeeze_m: float = 0.03
     force_n: float = 100.0
     stiffness_n_m: float = 1e3
     damping_n_s_m: float = 1e2
     friction: float = 2.0
+
+    @property
+    def spans_m(self) -> float:
+        """Largest width of what is grasped, with 4 mm between it and each finger."""
+        return 2 * self.open_m - 0.008
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

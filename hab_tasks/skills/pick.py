@@ -26,6 +26,9 @@ from hab_tasks.geometry import Array
 from hab_tasks.receptacles import PICK_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
 
+FINGERS_BELOW_TOP_M = 0.03
+"""Fingers that come from above reach so far down."""
+
 CLUTTER = (2, 5)
 """Minimum and maximum number of clutter objects."""
 
@@ -59,8 +62,15 @@ class PickStarts(Generator):
         # Other objects count as well: grasping one first ends the episode.
         keep_off = KeepOff(points_m=sandbox.graspable_m())
         starts = self.starts(sandbox, rng, keep_off)
-        robot = self.robot_start(starts, sandbox, spot, sandbox.com_m(target))
+        robot = self.robot_start(starts, sandbox, spot, self.grasped_m(sandbox, target))
         return start_state(sandbox, robot, objects, (Rearrangement(object=target, start=spot.ref),))
+
+    def grasped_m(self, sandbox: PlacementSandbox, target: str) -> Array:
+        """Returns the point (3,) that the hand has to reach: of a tall object, near its top."""
+        point_m = sandbox.com_m(target).copy()
+        if self.objects.robot.fingers is not None:
+            point_m[2] = max(point_m[2], sandbox.top_m(target) - FINGERS_BELOW_TOP_M)
+        return point_m
 
     def robot_start(
         self, starts: RobotStarts, sandbox: PlacementSandbox, spot: Spot, target_m: Array

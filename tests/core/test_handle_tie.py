@@ -9,7 +9,8 @@ from builders import box_actor
 from kitchen import GRASP, RELEASE, Kitchen, opening_direction
 
 from hab_tasks.articulations import HANDLE_MARKERS
-from hab_tasks.robots.grasp import NOTHING, SnapGrasp
+from hab_tasks.robots.grasp import NOTHING
+from hab_tasks.robots.snap_grasp import SnapGrasp
 from hab_tasks.world.scenes.physics import HAND, set_groups
 
 DRAWER, FRIDGE = HANDLE_MARKERS[2], HANDLE_MARKERS[7]

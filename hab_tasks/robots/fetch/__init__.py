@@ -65,6 +65,8 @@ FETCH_FRICTION = replace(
     FETCH,
     uid="hab_fetch_friction",
     fingers=_FINGERS,
+    rest_qpos_rad=(-0.6778, -1.221, 1.2248, 1.3218, -0.3307, 1.69, 0.4858),  # gripper downwards
+    ee_offset_m=0.0,  # between the fingers
     locked_qpos={**FETCH.locked_qpos, **dict.fromkeys(_FINGERS.joints, _FINGERS.open_m)},
 )
 """Fetch whose fingers grasp by friction, open at the start."""

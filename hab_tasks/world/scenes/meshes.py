@@ -117,6 +117,13 @@ def parts_volume(file: Path) -> float:
     return float(sum(hull.volume for hull in convex_parts(file)))
 
 
+@lru_cache(maxsize=1024)
+def smallest_side_m(file: Path) -> float:
+    """Returns the smallest side of the box around the convex parts in a mesh file."""
+    corners = np.concatenate([hull.bounds for hull in convex_parts(file)])
+    return float((corners.max(axis=0) - corners.min(axis=0)).min())
+
+
 @lru_cache(maxsize=4096)
 def check_any_mesh(file: Path) -> None:
     """Raises DatasetError when a mesh file of any format cannot be read."""

@@ -26,10 +26,10 @@ from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
+from hab_spa.skills.friction_pick import pick_by_friction
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
 from hab_spa.skills.look import LookConfig, look_again, look_around, look_at, look_closer
-from hab_spa.skills.friction_pick import pick_by_friction
 from hab_spa.skills.pick import pick
 from hab_spa.skills.place import place
 from hab_tasks.agent import AgentSetup, AgentSpec

@@ -8,13 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from hab_spa.shapes import Array, shape_bounds_m
+from hab_tasks.arrays import Bools
 from hab_tasks.privileged import CollisionBody, CollisionShape
 from hab_tasks.robots.spec import Fingers
+
+Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,7 +42,7 @@ class AntipodalConfig:
     clearance_m: float = 0.004
     turns: int = 16
     depths_m: tuple[float, ...] = (0.012, 0.0, -0.012)
-    pairs: int = 120
+    pairs: int = 300
     palm_m: tuple[tuple[float, float, float], tuple[float, float, float]] = (
         (-0.154, -0.065, -0.042),
         (-0.03, 0.065, 0.042),
@@ -46,6 +51,7 @@ class AntipodalConfig:
     finger_thickness_m: float = 0.015
 
 
+@lru_cache(maxsize=64)
 def antipodal_grasps(
     body: CollisionBody, fingers: Fingers, seed: int, config: AntipodalConfig
 ) -> Array:
@@ -105,7 +111,7 @@ def _vertices_m(shape: CollisionShape) -> Array:
 
 def _opposite(
     points_m: Array, normals: Array, fingers: Fingers, config: AntipodalConfig
-) -> tuple[Array, Array]:
+) -> tuple[Indices, Indices]:
     """Returns the pairs of points that two fingers can press on, as indices (K,) each."""
     gap_m = points_m[None] - points_m[:, None]
     width_m = np.linalg.norm(gap_m, axis=2)
@@ -132,7 +138,7 @@ def _facing(closing: Array, turns_rad: Array) -> Array:
     return poses
 
 
-def _come_in(poses: Array, points_m: Array, fingers: Fingers, config: AntipodalConfig) -> Array:
+def _come_in(poses: Array, points_m: Array, fingers: Fingers, config: AntipodalConfig) -> Bools:
     """Whether nothing of the object is in the open hand (K,)."""
     local = np.einsum("kji,kpj->kpi", poses[:, :3, :3], points_m[None] - poses[:, None, :3, 3])
     low, high = np.array(config.palm_m)

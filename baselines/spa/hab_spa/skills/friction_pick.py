@@ -17,33 +17,36 @@ from hab_spa.planning.joint_goal import free_poses
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
 
+TOUCH_M = 0.003
+"""Clearance of the open hand to the object where the straight way begins."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class FrictionConfig:
     """Parameters of the skill.
 
     Attributes:
-        tried: Number of grasps for which arm poses are sought.
+        tried: Numbers of grasps for which arm poses are sought, one after the other.
         starts: Number of arm poses from which each is sought.
         ik_steps: Iterations of inverse kinematics.
         off_m, off_rad: Largest error of a solution.
         margins_m: Clearances, most preferred first.
-        apart_m: Length of the straight way to a grasp.
-        step_m: Distance of its poses.
+        apart_m: Lengths of the straight way to a grasp, the preferred one first.
+        way_poses: Number of its poses.
         goals: Maximum number of grasps that a motion is planned to.
         near_rad: Joint tolerance at the ends of the straight way.
         closing_steps: Steps that the fingers take to close, at most.
         lift_m: Height of the straight lift.
     """
 
-    tried: int = 200
-    starts: int = 6
+    tried: tuple[int, ...] = (300, 1500, 5000)
+    starts: int = 10
     ik_steps: int = 30
     off_m: float = 0.003
     off_rad: float = 0.04
-    margins_m: tuple[float, ...] = (0.01, 0.004)
-    apart_m: float = 0.1
-    step_m: float = 0.02
+    margins_m: tuple[float, ...] = (0.01, 0.004, 0.001)
+    apart_m: tuple[float, ...] = (0.1, 0.06)
+    way_poses: int = 5
     goals: int = 6
     near_rad: float = 0.005
     closing_steps: int = 20
@@ -74,7 +77,11 @@ def _take(robot: Robot, number: int, config: FrictionConfig) -> Motion:
     robot.doing, robot.gripper = "reach", RELEASE
     assert isinstance(robot.scene, TrueScene)
     began = time.perf_counter()
-    ways = ways_in(robot, robot.scene, number, config)
+    ways = np.zeros((0, 0, 0))
+    for tried in config.tried:
+        ways = ways_in(robot, robot.scene, number, tried, config)
+        if len(ways):
+            break
     robot.spend("target", time.perf_counter() - began)
     if not len(ways):
         return Failure.TARGET_PLAN
@@ -102,25 +109,28 @@ def _close(robot: Robot, number: int, config: FrictionConfig) -> Motion:
         return Failure.EXECUTION
     robot.held_up = robot.up()
     arm = robot.kinematics
-    lift = line(arm, scene.arm_qpos, np.array((0.0, 0.0, config.lift_m)), config.step_m)
+    lift = line(arm, scene.arm_qpos, np.array((0.0, 0.0, config.lift_m)), config.way_poses)
     return (yield from follow(robot, lift, 0.0, intact=lambda: scene.holds(number)))
 
 
-def ways_in(robot: Robot, scene: TrueScene, number: int, config: FrictionConfig) -> Array:
-    """Returns ways (W, K, J) of the arm to grasps of an object, those near rest first."""
+def ways_in(
+    robot: Robot, scene: TrueScene, number: int, tried: int, config: FrictionConfig
+) -> Array:
+    """Returns ways (W, K, J) of the arm to some grasps of an object, those near rest first."""
     arm, rng = robot.kinematics, np.random.default_rng(robot.next_seed())
     bare, full = scene.collision(without=scene.name_of(number)), scene.collision()
     arm_from_ee = bare.arm_from_world @ scene.grasps(number)
-    tried = arm_from_ee[rng.permutation(len(arm_from_ee))[: config.tried]]
-    if not len(tried):
+    some = arm_from_ee[rng.permutation(len(arm_from_ee))[:tried]]
+    if not len(some):
         return np.zeros((0, 0, len(arm.rest_rad)))
-    poses = grasp_poses(arm, tried, rng, config)
+    poses = grasp_poses(arm, some, rng, config)
     found: list[Array] = []
     for margin_m in config.margins_m:
         free = free_poses(poses, bare, margin_m)
-        for pose in free[np.abs(free - arm.rest_rad).max(axis=1).argsort()]:
-            back = -config.apart_m * arm.ee_pose(pose)[:3, 0]
-            way = line(arm, pose, back, config.step_m)[::-1]
+        near_rest = free[np.abs(free - arm.rest_rad).max(axis=1).argsort()]
+        for pose, apart_m in ((pose, one) for one in config.apart_m for pose in near_rest):
+            back = -apart_m * arm.ee_pose(pose)[:3, 0]
+            way = line(arm, pose, back, config.way_poses)[::-1]
             if _is_free(way, bare, full, margin_m):
                 found.append(way)
             if len(found) == config.goals:
@@ -132,7 +142,7 @@ def ways_in(robot: Robot, scene: TrueScene, number: int, config: FrictionConfig)
 
 def _is_free(way: Array, bare: ArmCollision, full: ArmCollision, margin_m: float) -> bool:
     """Whether a way (K, J) is free, and its start from the object too."""
-    full.set_margin(margin_m)
+    full.set_margin(min(margin_m, TOUCH_M))
     return bool(bare.are_free(way).all()) and full.is_free(way[0])
 
 
@@ -157,10 +167,9 @@ def grasp_poses(
     return poses[(off_m < config.off_m) & (off_rad < config.off_rad)]
 
 
-def line(arm: BatchArm, start: Array, way_m: Array, step_m: float) -> Array:
+def line(arm: BatchArm, start: Array, way_m: Array, steps: int) -> Array:
     """Returns arm poses (K, J) along a straight way (3,) of the end-effector, from a pose (J,)."""
     goal, qpos, found = arm.ee_pose(start).copy(), start, [start]
-    steps = max(1, round(float(np.linalg.norm(way_m)) / step_m))
     for _ in range(steps):
         goal[:3, 3] += way_m / steps
         qpos = arm.track_pose(qpos, goal, steps=5, turn_weight_m=0.2)

@@ -1,0 +1,53 @@
+"""The option `grasp`: another hand, other observations and episodes, and a planner for it."""
+
+import numpy as np
+import pytest
+from hab_eval.cli import main
+from hab_eval.records.config import EvalConfig
+from hab_eval.records.results import read_record
+from hab_eval.run.environments import setup_of
+from playing import slow
+
+from hab_tasks.agent import AgentSpec
+from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.robots.fetch import FETCH, FETCH_FRICTION
+from hab_tasks.robots.spec import with_grasp
+
+
+def test_the_option_selects_the_hand(make):
+    assert with_grasp(FETCH, "friction") is FETCH_FRICTION
+    assert with_grasp(FETCH_FRICTION, "snap") is FETCH
+    with pytest.raises(UnknownNameError, match="friction, snap"):
+        make(grasp="glue")
+    with pytest.raises(OptionError, match="'joint_state'"):
+        make(grasp="friction", control_mode="joint_state")
+    env = make(grasp="friction", obs_mode="state_dict")
+    obs, _ = env.reset(seed=0)
+    assert np.allclose(obs["agent"]["fingers"], FETCH_FRICTION.fingers.open_m)
+    assert env.unwrapped.episode[0].id.split("/")[2].endswith("+hab_fetch_friction")
+    state = env.unwrapped.get_state_dict()
+    env.step(env.action_space.sample())
+    env.unwrapped.set_state_dict(state)
+    again = env.unwrapped.get_obs(env.unwrapped.get_info())
+    assert np.allclose(again["agent"]["fingers"], FETCH_FRICTION.fingers.open_m, atol=1e-6)
+
+
+def test_agents_are_set_up_for_it():
+    config = EvalConfig(agent="x:y", env="HabPick-v1", env_options={"grasp": "friction"})
+    setup = setup_of(config)
+    assert setup.robot == FETCH_FRICTION.uid
+    spaces = setup.spaces(AgentSpec(name="x", control_mode="ee"))
+    assert spaces.observation["agent"]["fingers"].shape == (2,)
+    with pytest.raises(UnknownNameError, match="hab_fetch"):
+        setup_of(EvalConfig(agent="x:y", env="HabPick-v1", env_options={"robot": "hab_fetsh"}))
+
+
+@slow
+def test_a_planner_picks_with_two_fingers(tmp_path):
+    out = tmp_path / "run"
+    command = "run --agent hab_spa:spa_priv --option planner=batched --env HabPick-v1 --split val"
+    options = "--seed 11 --episodes 3 --env-option grasp=friction --workers 1 --out"
+    assert main([*command.split(), *options.split(), str(out)]) == 0
+    record = read_record(out / "run.json")
+    assert record.env_options == {"grasp": "friction"}
+    assert sum(episode.success for episode in record.episodes) >= 2

@@ -206,6 +206,7 @@ class EpisodeSet:
     Attributes:
         made_from: Provenance: scene dataset, objects and generator.
         rejections: Reason -> number of candidates rejected during generation.
+        robot: ManiSkill's uid of the robot that starts there.
         habitat: Further data of a Habitat file, beside its episodes.
     """
 
@@ -216,6 +217,7 @@ class EpisodeSet:
     made_from: MadeFrom
     episodes: tuple[Episode, ...]
     rejections: dict[str, int] = field(default_factory=dict)
+    robot: str = DEFAULT_ROBOT.uid
     habitat: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -236,6 +238,8 @@ def write_episodes(episodes: EpisodeSet, file: Path) -> None:
     """Writes an episode file atomically."""
     raw = {"schema": SCHEMA, **asdict(episodes)}
     raw["scenes"] = {entry["scene_id"]: entry.pop("loose") for entry in raw["episodes"]}
+    if episodes.robot == DEFAULT_ROBOT.uid:
+        del raw["robot"]
     for entry in (raw, *raw["episodes"]):
         if not entry["habitat"]:
             del entry["habitat"]

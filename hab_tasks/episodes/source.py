@@ -83,6 +83,10 @@ class EpisodeSource:
         self.split = self.dataset.resolve_split(request.split, request.scene)
         if given is not None:
             self.dataset.check_made_for(given.scene_dataset, str(self.file))
+            if given.robot != request.robot:
+                raise EpisodeError(
+                    f"{self.file}: made for the robot {given.robot}, not for {request.robot}."
+                )
             for episode in given.episodes:
                 self.dataset.scene_file(episode.scene_id)
         self.objects = load_objects(request.objects)
@@ -281,6 +285,7 @@ class EpisodeSource:
             made_from=self.made_from,
             episodes=tuple(self.get(index) for index in range(count)),
             rejections=dict(self.rejections),
+            robot=self._request.robot,
         )
 
     def save(self, count: int, file: Path | None = None) -> Path:

@@ -9,7 +9,7 @@ from hab_eval.run.environments import setup_of
 from playing import slow
 
 from hab_tasks.agent import AgentSpec
-from hab_tasks.errors import OptionError, UnknownNameError
+from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
 from hab_tasks.robots.fetch import FETCH, FETCH_FRICTION
 from hab_tasks.robots.spec import with_grasp
 
@@ -20,8 +20,10 @@ def test_the_option_selects_the_hand(make):
     with pytest.raises(UnknownNameError, match="friction, snap"):
         make(grasp="glue")
     with pytest.raises(OptionError, match="'joint_state'"):
-        make(grasp="friction", control_mode="joint_state")
-    env = make(grasp="friction", obs_mode="state_dict")
+        make(grasp="friction", control_mode="joint_state", episodes=None)
+    with pytest.raises(EpisodeError, match="made for the robot hab_fetch, not for hab_fetch_fr"):
+        make(grasp="friction")
+    env = make(grasp="friction", episodes=None, obs_mode="state_dict")
     obs, _ = env.reset(seed=0)
     assert np.allclose(obs["agent"]["fingers"], FETCH_FRICTION.fingers.open_m)
     assert env.unwrapped.episode[0].id.split("/")[2].endswith("+hab_fetch_friction")

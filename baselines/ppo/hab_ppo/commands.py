@@ -161,8 +161,8 @@ every evaluation; the same command continues an interrupted study."""
     """Print the traceback of an error in an environment."""
 
     def command(self) -> str:
-        """Returns the command of this study, without its folder."""
-        return shlex.join(["hab-ppo", "study", self.study, "--scale", self.scale])
+        """Returns the command of this study, whatever its folder."""
+        return f"hab-ppo study {shlex.quote(self.study)} --scale {self.scale} --out DIR"
 
     def advice(self) -> str:
         """Returns how to continue."""

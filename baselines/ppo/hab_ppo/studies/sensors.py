@@ -69,6 +69,7 @@ CAMERAS = Study(
         _arm("head", cameras=("head",)),
         _arm("third person", cameras=("third_person",)),
         _arm("invisible arm", invisible_arm=True),
+        _arm("no camera", obs_mode="state_dict"),
     ),
     figure=Axis(kind="bars"),
 )

@@ -155,6 +155,7 @@ class ContactForce:
         grips = agent.spec.fingers is not None
         names = agent.spec.finger_links if grips else ()
         self._fingers: set[Any] = {sapien_object(agent.link(name)) for name in names}
+        self._others = self._links - self._fingers
         self._impulse_n_s = 0.0
 
     def clear(self) -> None:
@@ -175,8 +176,7 @@ class ContactForce:
     def _is_grip(self, bodies: Sequence[Any]) -> bool:
         """Whether a finger that grasps by friction touches what it could hold."""
         return not self._fingers.isdisjoint(bodies) and not any(
-            isinstance(body, PhysxRigidStaticComponent) or body in self._links - self._fingers
-            for body in bodies
+            isinstance(body, PhysxRigidStaticComponent) or body in self._others for body in bodies
         )
 
     def points_m(self) -> Floats:

@@ -100,12 +100,15 @@ class FrictionGrasp(Grasp):
         """Returns the force of each finger on other bodies in the latest physics step."""
         found: dict[Any, list[float]] = {}
         for contact in self._px.get_contacts():
-            for body, other in (contact.bodies, contact.bodies[::-1]):
-                number = self._numbers.get(body)
-                if number is not None and other not in self._numbers:
-                    impulse_n_s = np.sum([point.impulse for point in contact.points], axis=0)
-                    forces_n = found.setdefault(other, [0.0, 0.0])
-                    forces_n[number] += float(np.linalg.norm(impulse_n_s)) * SIM_HZ
+            body, other = contact.bodies
+            if other in self._numbers:
+                body, other = other, body
+            number = self._numbers.get(body)
+            if number is None or other in self._numbers:
+                continue
+            impulse_n_s = np.sum([point.impulse for point in contact.points], axis=0)
+            forces_n = found.setdefault(other, [0.0, 0.0])
+            forces_n[number] += float(np.linalg.norm(impulse_n_s)) * SIM_HZ
         return found
 
     def _handle_of(self, held: set[Any]) -> int:

@@ -19,7 +19,7 @@ from hab_spa.shapes import Array
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.envs import ENVS
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import HabError, UnknownNameError
 from hab_tasks.registration import imported_id
 from hab_tasks.robots.spec import RobotSpec, robot_of
 
@@ -178,11 +178,18 @@ def robot_for(setup: AgentSetup) -> RobotSpec:
     return own if setup.robot is None else robot_of(setup.robot)
 
 
-def planned(setup: AgentSetup, config: SpaConfig | None = None) -> SpaConfig:
-    """Returns parameters, the paper's by default, with the planner of the option ``planner``."""
-    return (config or SpaConfig()).planned_by(
-        setup.options.get("planner", "ompl"), robot_for(setup)
-    )
+def planned(
+    setup: AgentSetup, config: SpaConfig | None = None, *, by_friction: bool = False
+) -> SpaConfig:
+    """Returns parameters, the paper's by default, with the planner of the option ``planner``.
+
+    Raises:
+        HabError: The robot grasps by friction, and the agent does not unless `by_friction`.
+    """
+    robot = robot_for(setup)
+    if robot.fingers is not None and not by_friction:
+        raise HabError(f"This agent does not grasp by friction, as {robot.uid} does.")
+    return (config or SpaConfig()).planned_by(setup.options.get("planner", "ompl"), robot)
 
 
 def control_mode(env_id: str, options: Mapping[str, str]) -> str:

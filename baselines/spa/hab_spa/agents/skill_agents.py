@@ -69,11 +69,12 @@ def spa_priv(setup: AgentSetup) -> SpaAgent:
     Raises:
         UnknownNameError: The environment is not a supported skill, or an option is unknown.
     """
-    skills = SKILLS if robot_for(setup).fingers is None else FRICTION_SKILLS
-    env_id, skill = skill_asked(setup, "SPA-Priv", skills)
+    grips = robot_for(setup).fingers is not None
+    who = f"SPA-Priv{' with grasp=friction' * grips}"
+    env_id, skill = skill_asked(setup, who, FRICTION_SKILLS if grips else SKILLS)
     mode = control_mode(env_id, setup.options)
     spec = AgentSpec(name="SPA-Priv", control_mode=mode, privileged=True)
-    return SpaAgent(setup, spec, TrueScene, skill, planned(setup))
+    return SpaAgent(setup, spec, TrueScene, skill, planned(setup, by_friction=True))
 
 
 SPA_CONFIG = SpaConfig(

@@ -154,6 +154,10 @@ class PlacementSandbox:
         """Returns a movable object's centre of mass (3,) in its own frame."""
         return np.asarray(self._components[name][1].cmass_local_pose.p, dtype=float)
 
+    def points_m(self, name: str) -> Array:
+        """Returns the corners (P, 3) of a body's shapes in its own frame."""
+        return np.concatenate([body_points(one)[:3].T for one in self.bodies[name].shapes])
+
     def _speed_m_s(self, name: str) -> float:
         """Returns the speed of a movable object's centre of mass."""
         return float(np.linalg.norm(self._components[name][1].linear_velocity))

@@ -77,6 +77,11 @@ class ArmKinematics:
         pin.forwardKinematics(self._model, self._data, qpos)
         return pin.updateFramePlacement(self._model, self._data, self._ee).translation.copy()
 
+    def pose(self, qpos: Array) -> Array:
+        """Returns the end-effector's pose (4, 4) of one arm pose (J,) [rad]."""
+        pin.forwardKinematics(self._model, self._data, qpos)
+        return pin.updateFramePlacement(self._model, self._data, self._ee).homogeneous
+
     def position_and_jacobian(self, qpos: Array) -> tuple[Array, Array]:
         """Returns (3,) [m] and the (3, J) positional Jacobian [m/rad] of one arm pose (J,)."""
         jacobian = pin.computeFrameJacobian(

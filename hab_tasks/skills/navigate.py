@@ -16,8 +16,9 @@ from hab_tasks.engine.sensors import IS_HOLDING, POINT
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator, Objects, pose_scene
+from hab_tasks.episodes.held import Held
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, NavigationGoal, template_of
+from hab_tasks.episodes.schema import Episode, NavigationGoal
 from hab_tasks.errors import RejectedSampleError
 from hab_tasks.instructions import navigation_template
 from hab_tasks.registration import SKILLS, class_of
@@ -59,8 +60,7 @@ class NavigateStarts(Generator):
             raise RejectedSampleError("no way from the start to the goal")
         if episode.held is not None:
             held, yaw = episode.held, rng.uniform(-np.pi, np.pi)
-            up = np.array(sandbox.templates[template_of(held)].up)
-            objects[held] = self.in_hand(sandbox.com_in_object_m(held), up, robot, yaw)
+            objects[held] = self.in_hand(Held.of(sandbox, held), robot, yaw)
             pose_scene(sandbox, objects, episode.joints)
             if sandbox.touching(held):
                 raise RejectedSampleError("the held object touches something")

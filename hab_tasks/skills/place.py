@@ -16,10 +16,11 @@ from hab_tasks.engine.sensors import OBJECT_GOAL, PROPRIOCEPTION
 from hab_tasks.engine.skill_env import Skill, SkillEnv
 from hab_tasks.engine.snapshot import Snapshot
 from hab_tasks.episodes.generators.base import Generator, pose_scene, put_all, start_state
+from hab_tasks.episodes.held import Held
 from hab_tasks.episodes.placing import Placer, falls_to
 from hab_tasks.episodes.robot_start import KeepOff
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, Rearrangement, template_of
+from hab_tasks.episodes.schema import Episode, Rearrangement
 from hab_tasks.errors import RejectedSampleError
 from hab_tasks.receptacles import PLACE_RECEPTACLES
 from hab_tasks.robots.control_modes import ARM_MODES
@@ -44,14 +45,13 @@ class PlaceStarts(Generator):
         if held not in objects:
             raise RejectedSampleError("the object does not stay at its goal")
         goal = objects.pop(held)
-        goal_com_m, com_m = sandbox.com_m(held), sandbox.com_in_object_m(held)
+        goal_com_m, shape = sandbox.com_m(held), Held.of(sandbox, held)
         pose_scene(sandbox, objects, spot.joints)
         # Released at the start, the object must not fall onto its goal.
         keep_off = KeepOff(points_m=goal_com_m[None], level=True)
         robot = self.starts(sandbox, rng, keep_off).facing(goal_com_m)
         yaw = rng.uniform(-math.pi, math.pi)
-        up = np.array(sandbox.templates[template_of(held)].up)
-        objects[held] = self.in_hand(com_m, up, robot, yaw)
+        objects[held] = self.in_hand(shape, robot, yaw)
         pose_scene(sandbox, objects, spot.joints)
         if sandbox.touching(held):
             raise RejectedSampleError("the held object touches something")

@@ -34,6 +34,22 @@ def test_the_option_selects_the_hand(make):
     assert np.allclose(again["agent"]["fingers"], FETCH_FRICTION.fingers.open_m, atol=1e-6)
 
 
+def test_a_held_object_stays_between_the_fingers(make):
+    env = make("HabPlace-v1", grasp="friction", episodes=None, num_episodes=3)
+    simulation = env.unwrapped.simulation
+    for episode in range(3):
+        env.reset(options={"episode": episode})
+        before = simulation.grasp.held
+        assert simulation.held_name() == simulation.episode.held
+        for _ in range(20):
+            env.step(env.unwrapped.agent.controller.idle_action(holding=True))
+        assert simulation.grasp.held == before
+        # From the hand, as the arm is still: the object has not slid.
+        moved_m = simulation.snapshot.objects_m[0, 0] - simulation.goals.starts_m[0, 0]
+        assert np.linalg.norm(moved_m) < 0.01
+        assert float(env.unwrapped.measures.force_total_n[0]) == 0.0
+
+
 def test_agents_are_set_up_for_it():
     config = EvalConfig(agent="x:y", env="HabPick-v1", env_options={"grasp": "friction"})
     setup = setup_of(config)

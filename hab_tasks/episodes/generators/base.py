@@ -14,6 +14,7 @@ from typing import ClassVar
 import numpy as np
 from transforms3d import quaternions
 
+from hab_tasks.episodes.held import Held, in_fingers
 from hab_tasks.episodes.layout_memory import LayoutMemory
 from hab_tasks.episodes.placing import Placer, Settling
 from hab_tasks.episodes.robot_start import (
@@ -24,10 +25,23 @@ from hab_tasks.episodes.robot_start import (
     ee_in_world,
 )
 from hab_tasks.episodes.sandbox import PlacementSandbox
-from hab_tasks.episodes.schema import Episode, HandleRef, Rearrangement, RobotStart, rounded
+from hab_tasks.episodes.schema import (
+    Episode,
+    HandleRef,
+    Rearrangement,
+    RobotStart,
+    rounded,
+)
 from hab_tasks.episodes.spots import Spot, find_spots
 from hab_tasks.errors import GenerationError, RejectedSampleError
-from hab_tasks.geometry import Array, Pose7, pose, rotation_between
+from hab_tasks.geometry import (
+    Pose7,
+    from_matrix,
+    planar,
+    pose,
+    rotation_between,
+    to_matrix,
+)
 from hab_tasks.robots.kinematics import ArmKinematics
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.world.scenes.spec import ObjectTemplate, SceneSpec
@@ -179,15 +193,22 @@ class Generator(ABC):
         spots = self.spots(sandbox, names)
         return spots[int(rng.integers(len(spots)))]
 
-    def in_hand(self, com_m: Array, up: Array, robot: RobotStart, yaw_rad: float) -> Pose7:
-        """Returns the upright pose that puts an object's centre of mass at the end-effector.
+    def in_hand(self, held: Held, robot: RobotStart, yaw_rad: float) -> Pose7:
+        """Returns the start pose of a held object.
 
-        `com_m` (3,) and the upright axis `up` (3,) are in the object's frame.
+        The snap grasp holds it upright with its centre of mass at the end-effector, fingers hold
+        it between them.
         """
+        if (fingers := self.objects.robot.fingers) is not None:
+            hand_from_object = in_fingers(held, fingers)
+            base_from_hand = self.kinematics.pose(robot.arm_pose(self.objects.robot))
+            base_from_hand[2, 3] += self.objects.robot.base_height_m
+            world_from_base = to_matrix(planar(*robot.base))
+            return rounded(from_matrix(world_from_base @ base_from_hand @ hand_from_object))
         turn = quaternions.axangle2quat([0.0, 0.0, 1.0], yaw_rad)
-        q = quaternions.qmult(turn, rotation_between(up, np.array([0.0, 0.0, 1.0])))
+        q = quaternions.qmult(turn, rotation_between(held.up, np.array([0.0, 0.0, 1.0])))
         ee_m = ee_in_world(self.kinematics, robot.base, robot.arm_pose(self.objects.robot))
-        return rounded(pose(ee_m - quaternions.rotate_vector(com_m, q), q))
+        return rounded(pose(ee_m - quaternions.rotate_vector(held.com_m, q), q))
 
     def draw(self, rng: np.random.Generator, count: int) -> list[str]:
         """Samples objects with replacement; returns the names of their instances."""

@@ -57,7 +57,10 @@ SKILLS: dict[str, Behaviour] = {
 }
 """Environment id -> behaviour."""
 
-FRICTION_SKILLS: dict[str, Behaviour] = {"HabPick-v1": lambda robot: pick_by_friction(robot, 0)}
+FRICTION_SKILLS: dict[str, Behaviour] = {
+    "HabPick-v1": lambda robot: pick_by_friction(robot, 0),
+    "HabPlace-v1": lambda robot: place(robot, 0),
+}
 """Likewise, with fingers that grasp by friction."""
 
 

@@ -255,12 +255,12 @@ def save_json(value: Any, file: Path, *, sort_keys: bool) -> None:
         scratch.write_bytes(data)
 
 
-def read_episodes(file: Path, env_id: str | None = None) -> EpisodeSet:
-    """Reads an episode file; with `env_id`, one that has episodes of this environment.
+def read_episodes(file: Path, env_id: str | None = None, robot: str | None = None) -> EpisodeSet:
+    """Reads an episode file; with `env_id` and `robot`, one for these.
 
     Raises:
         EpisodeError: Absent, damaged, of another schema version, with an invalid field, or of
-            another environment.
+            another environment or robot.
     """
     raw = load_json(file)
     version = raw.pop("schema", None) if isinstance(raw, dict) else None
@@ -279,6 +279,8 @@ def read_episodes(file: Path, env_id: str | None = None) -> EpisodeSet:
         raise EpisodeError(f"{file}: episode {twice[0]!r} appears twice.")
     if env_id not in (None, found.env):
         raise EpisodeError(f"{file}: made for {found.env}, not for {env_id}.")
+    if robot not in (None, found.robot):
+        raise EpisodeError(f"{file}: made for the robot {found.robot}, not for {robot}.")
     if env_id is not None and not found.episodes:
         raise EpisodeError(f"{file}: contains no episodes.")
     whole = tuple(with_loose(e, scenes, f"{file}: episode {e.id!r}") for e in found.episodes)

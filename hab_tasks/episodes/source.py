@@ -78,15 +78,11 @@ class EpisodeSource:
         starts = Rearrange if task else class_of(self.env_id).skill.starts
         self._make_generator = partial(Rearrange, task) if task else starts
         self.file = None if request.file is None else Path(request.file)
-        given = None if self.file is None else read_episodes(self.file, self.env_id)
+        given = None if self.file is None else read_episodes(self.file, self.env_id, request.robot)
         self.dataset, self.scene_id = resolve_dataset(request.scene_dataset), request.scene
         self.split = self.dataset.resolve_split(request.split, request.scene)
         if given is not None:
             self.dataset.check_made_for(given.scene_dataset, str(self.file))
-            if given.robot != request.robot:
-                raise EpisodeError(
-                    f"{self.file}: made for the robot {given.robot}, not for {request.robot}."
-                )
             for episode in given.episodes:
                 self.dataset.scene_file(episode.scene_id)
         self.objects = load_objects(request.objects)

@@ -14,7 +14,7 @@ from hab_eval.records.stats import Estimate, exact_mcnemar, wilson_interval
 from matplotlib.axes import Axes
 
 from hab_ppo.commands import StudyCommand
-from hab_ppo.studies.study import Arm, Condition, Study
+from hab_ppo.studies.study import FULL, Arm, Condition, Study
 from hab_tasks.figure_style import BLUE, GREEN, ORANGE, VERMILION, bare, new_figure, save
 from hab_tasks.io.files import written_aside
 
@@ -65,6 +65,7 @@ def write_report(study: Study, options: StudyCommand, results: Sequence[Result])
         table,
         f"![{study.title}]({study.name}.png)",
         f"Result: {_outcome(results)}",
+        *([f"Reading: {study.reading}"] if study.reading and options.scale == FULL else []),
         f"Differs from the paper: {study.differs}",
     )
     return table

@@ -63,6 +63,9 @@ CAMERAS = Study(
     "that knows all objects (DAgger), all with the same budget.",
     differs="70 million steps of PPO and three seeds are out of reach of two cores, so an expert "
     "teaches, and curves are left out.",
+    reading="cameras help, and all placements do nearly as well, as in the paper (80 to 90 %, head "
+    "and arm 92 %, arm 85 %); their order is within chance. A blind policy comes close, as the "
+    "target's position is observed.",
     arms=(
         _arm("head and arm"),
         _arm("arm", cameras=("arm",)),

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, replace
 from hab_ppo.recipe import Distillation, Recipe
 from hab_tasks.rendering import resolve_backend
 
-SCALES = ("quick", "full")
+QUICK, FULL = "quick", "full"
+SCALES = (QUICK, FULL)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -124,6 +125,7 @@ class Study:
         question: What it asks, one sentence.
         protocol: How policies are trained, in one or two sentences.
         differs: What differs from the paper and why.
+        reading: What its result at full scale means beside the paper's; empty before there is one.
         arms: What is trained. Rows of the table are compared with the first.
         figure: The figure.
     """
@@ -135,6 +137,7 @@ class Study:
     differs: str
     arms: tuple[Arm, ...]
     figure: Axis
+    reading: str = ""
 
     def check(self) -> None:
         """Rejects a study that this machine cannot run.

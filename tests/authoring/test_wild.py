@@ -5,7 +5,7 @@ import pytest
 from hab_authoring.layouts.checks import check_layout, free_range
 from hab_authoring.layouts.overlaps import bodies_of
 from hab_authoring.layouts.report import layout_faults
-from hab_authoring.layouts.wild import WildVarier
+from hab_authoring.layouts.wild import NARROW_SHELVES, SPACING_M, WildConfig, WildVarier
 from hab_authoring.pipeline.jobs import AssetOptions
 from hab_authoring.pipeline.optimise import optimise
 from refusals import refused_by_call, refused_by_command
@@ -71,6 +71,22 @@ def test_kitchen_and_furniture_move_to_where_tasks_can_be_done_and_all_else_stay
     assert last.scene == read_json(wild.scene_file(max(wild.scene_files)))
 
 
+def test_only_the_narrow_shelves_and_what_stands_on_them_hang_higher_where_asked(wild):
+    plain = read_json(wild.scene_file(min(wild.scene_files)))["object_instances"]
+    varier = WildVarier(wild.source, config=WildConfig(shelves_m=SPACING_M))
+    raised = varier.make(0, 1).scene["object_instances"]
+    lifts_m = {}
+    for before, after in zip(plain, raised, strict=True):
+        shift_m = np.subtract(after["translation"], before["translation"])
+        assert np.allclose(shift_m[[0, 2]], 0.0, atol=1e-6)
+        assert before["rotation"] == after["rotation"]
+        if shift_m[1] != 0.0:
+            lifts_m[after["template_name"]] = shift_m[1]
+    assert any(NARROW_SHELVES in name for name in lifts_m)
+    assert np.ptp(list(lifts_m.values())) < 1e-5
+    assert 0.0 < min(lifts_m.values()) <= SPACING_M
+
+
 def test_the_folder_is_a_dataset_of_its_own_whose_layouts_take_turns(wild):
     assert wild.name == "apartment_wild_0"
     assert wild.resolve_split(None) == "test"
@@ -100,6 +116,8 @@ def test_bad_commands_are_told(wild, tmp_path):
     refused_by_command(main, [*extended, "--macro", "sc0"], "--extend samples wild layouts")
     ordinary = ["vary", "apartment", "--macro", "sc0", "--corner", "--out", str(out)]
     refused_by_command(main, ordinary, "--corner puts fridges of wild layouts")
+    ordinary[ordinary.index("--corner")] = "--shelves"
+    refused_by_command(main, ordinary, "--shelves raises the shelves of wild layouts")
     refused_by_call(lambda: optimise(wild, out, AssetOptions()), "layouts only")
     assert not out.exists()
 

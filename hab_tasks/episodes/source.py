@@ -93,9 +93,7 @@ class EpisodeSource:
         self.seed, self.novel = request.seed, request.novel
         if request.clutter and given is not None:
             raise OptionError.of_value("clutter", request.clutter, "0 with an episode file")
-        others = {self.novel, request.robot} - {None, EpisodeRequest.robot}
-        others |= {f"clutter{request.clutter}"} if request.clutter else set()
-        self._variant = "".join(f"+{one}" for one in sorted(map(str, others)))
+        self._variant = variant_of(request)
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
         self._generator: base.Generator | None = None
@@ -337,6 +335,13 @@ class EpisodeSource:
     def _take(self, episodes: EpisodeSet) -> None:
         self._episodes.update(enumerate(episodes.episodes))
         self.rejections = Counter(episodes.rejections)
+
+
+def variant_of(request: EpisodeRequest) -> str:
+    """Returns what follows the split in the ids of episodes that are not the protocol's."""
+    others = {request.novel, request.robot} - {None, EpisodeRequest.robot}
+    others |= {f"clutter{request.clutter}"} if request.clutter else set()
+    return "".join(f"+{one}" for one in sorted(map(str, others)))
 
 
 class _SharedSources(NamedTuple):

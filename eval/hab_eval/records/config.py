@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 
@@ -14,6 +14,8 @@ from hab_eval.records.schema import parse_json, read_dataclass
 from hab_tasks.errors import OptionError, shown
 from hab_tasks.io.files import written_aside
 from hab_tasks.option_values import whole
+from hab_tasks.robots import DEFAULT_ROBOT
+from hab_tasks.robots.spec import robot_of, with_grasp
 from hab_tasks.typed_values import LARGEST_INT, is_text
 
 MOST_EPISODES = 100_000
@@ -177,3 +179,15 @@ def describe_difference(old: SavedConfig, new: SavedConfig) -> str | None:
 def short_name(dataset: str) -> str:
     """Returns a dataset's name without its parent folders, which differ between machines."""
     return Path(dataset).name or dataset
+
+
+def robot_asked(env_options: Mapping[str, str]) -> str | None:
+    """Returns the uid of the robot of the options ``robot`` and ``grasp``; None without them.
+
+    Raises:
+        UnknownNameError: There is no such robot, or it has no such grasp.
+    """
+    uid, grasp = env_options.get("robot"), env_options.get("grasp")
+    if uid is None and grasp is None:
+        return None
+    return with_grasp(robot_of(uid or DEFAULT_ROBOT.uid), grasp).uid

@@ -9,11 +9,15 @@ from itertools import chain
 from pathlib import Path
 
 from hab_eval.errors import ResultError
+from hab_eval.records.config import robot_asked
 from hab_eval.records.leaderboard import FEW_EPISODES, default_submissions
 from hab_eval.records.plain_text import plain
 from hab_eval.records.provenance import COMMIT_SEPARATOR
 from hab_eval.records.results import RunRecord
+from hab_tasks.episodes.schema import EpisodeRequest
+from hab_tasks.episodes.source import variant_of
 from hab_tasks.errors import OptionError, UnknownNameError, shown
+from hab_tasks.robots import DEFAULT_ROBOT
 
 LONGEST_NAME = 150
 WORD_START = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
@@ -128,7 +132,12 @@ def cleanliness(record: RunRecord) -> str:
 
 def _check_episode_ids(record: RunRecord, where: str) -> None:
     """Checks that the episodes are the first ones of the set of the run's protocol."""
-    head = f"{record.env.rpartition(':')[2]}/{record.scene_dataset}/{record.split}/{record.seed}"
+    split, _, novel = record.split.partition("+")
+    robot = robot_asked(record.env_options) or DEFAULT_ROBOT.uid
+    # Clutter is added to an episode, which keeps its id.
+    asked = EpisodeRequest(env_id=record.env, novel=novel or None, robot=robot)
+    scope = f"{record.scene_dataset}/{split}{variant_of(asked)}"
+    head = f"{record.env.rpartition(':')[2]}/{scope}/{record.seed}"
     for index, episode in enumerate(record.episodes):
         wanted = f"{head}/{index:05d}"
         if episode.id != wanted:

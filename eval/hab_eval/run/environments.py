@@ -14,13 +14,12 @@ from typing import TYPE_CHECKING, Any, get_args
 import gymnasium
 
 import hab_tasks
-from hab_eval.records.config import EvalConfig
+from hab_eval.records.config import EvalConfig, robot_asked
 from hab_tasks.agent import AgentSetup, AgentSpaces, AgentSpec, Looks
 from hab_tasks.captions import LEGEND
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
 from hab_tasks.robots import DEFAULT_ROBOT
-from hab_tasks.robots.spec import robot_of, with_grasp
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
@@ -76,18 +75,6 @@ def make_setup(
     return AgentSetup(
         env_id=env_id, seed=seed, options=options, device=device, robot=robot, spaces_of=spaces_of
     )
-
-
-def robot_asked(env_options: Mapping[str, str]) -> str | None:
-    """Returns the uid of the robot of the options ``robot`` and ``grasp``; None without them.
-
-    Raises:
-        UnknownNameError: There is no such robot, or it has no such grasp.
-    """
-    uid, grasp = env_options.get("robot"), env_options.get("grasp")
-    if uid is None and grasp is None:
-        return None
-    return with_grasp(robot_of(uid or DEFAULT_ROBOT.uid), grasp).uid
 
 
 def load_episode_set(

@@ -23,7 +23,7 @@ import torch
 from torch import Tensor
 
 from hab_eval.errors import AgentError
-from hab_eval.records.config import EvalConfig
+from hab_eval.records.config import EvalConfig, robot_asked
 from hab_eval.records.schema import read_dataclass
 from hab_eval.run.agent_checks import (
     check_actions,
@@ -33,7 +33,7 @@ from hab_eval.run.agent_checks import (
     without_exit,
 )
 from hab_eval.run.agents import load_agent
-from hab_eval.run.environments import agent_seed, make_setup, robot_asked, setup_of
+from hab_eval.run.environments import agent_seed, make_setup, setup_of
 from hab_eval.run.observations import LazyBatch, LazyObservation
 from hab_tasks.agent import Agent, AgentReport, AgentSpec, of_rows
 from hab_tasks.errors import HabError, RunStoppedError

@@ -9,13 +9,14 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Failure, Motion
 from scipy.spatial.transform import Rotation
 
-from hab_spa.motion.moves import follow, go, rest
+from hab_spa.motion.moves import follow, go
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm, CompiledArm
 from hab_spa.planning.joint_goal import free_poses
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.shapes import Array
+from hab_spa.skills.pick import pick
 
 TOUCH_M = 0.003
 """Clearance of the open hand to the object where the straight way begins."""
@@ -36,6 +37,7 @@ class FrictionConfig:
         goals: Maximum number of grasps that a motion is planned to.
         near_rad: Joint tolerance at the ends of the straight way.
         closing_steps: Steps that the fingers take to close, at most.
+        pressing_steps: Steps for which they press before the lift.
         lift_m: Height of the straight lift.
     """
 
@@ -50,6 +52,7 @@ class FrictionConfig:
     goals: int = 6
     near_rad: float = 0.005
     closing_steps: int = 20
+    pressing_steps: int = 3
     lift_m: float = 0.06
 
 
@@ -60,20 +63,12 @@ def pick_by_friction(robot: Robot, number: int) -> Motion:
         robot: The robot, in a `TrueScene`.
         number: Number of the object.
     """
-    scene, config, failure = robot.scene, FrictionConfig(), None
-    for _ in range(1 + robot.config.retries):
-        failure = None
-        if not scene.holds(number):
-            failure = yield from _take(robot, number, config)
-        if failure is None:
-            failure = yield from rest(robot, intact=lambda: scene.holds(number))
-        if failure is None or failure is Failure.TARGET_PLAN:
-            break
-    return failure
+    return pick(robot, number, _take)
 
 
-def _take(robot: Robot, number: int, config: FrictionConfig) -> Motion:
+def _take(robot: Robot, number: int) -> Motion:
     """Plans a grasp, moves to it, closes the fingers and lifts the object."""
+    config = FrictionConfig()
     robot.doing, robot.gripper = "reach", RELEASE
     assert isinstance(robot.scene, TrueScene)
     began = time.perf_counter()
@@ -103,7 +98,7 @@ def _close(robot: Robot, number: int, config: FrictionConfig) -> Motion:
         yield robot.command()
         if scene.holds(number):
             break
-    for _ in range(3):
+    for _ in range(config.pressing_steps):
         yield robot.command()
     if not scene.holds(number):
         return Failure.EXECUTION

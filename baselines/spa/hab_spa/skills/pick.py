@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
@@ -23,18 +24,19 @@ from hab_spa.planning.joint_goal import (
 from hab_spa.shapes import Array, invert_pose
 
 
-def pick(robot: Robot, number: int) -> Motion:
+def pick(robot: Robot, number: int, take: Callable[[Robot, int], Motion] | None = None) -> Motion:
     """Grasps an object of the episode and rests; replans when motion or execution fails.
 
     Args:
         robot: The robot.
         number: Number of the object.
+        take: Grasps it; by default as the snap grasp does.
     """
     scene, failure = robot.scene, None
     for _ in range(1 + robot.config.retries):
         failure = None
         if not scene.holds(number):
-            failure = yield from _take(robot, number)
+            failure = yield from (take or _take)(robot, number)
         if failure is None:
             failure = yield from rest(robot, intact=lambda: scene.holds(number))
         if failure is None or failure is Failure.TARGET_PLAN:

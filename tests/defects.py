@@ -63,9 +63,9 @@ DEFECTS = (
            old="options = message.seeds[row], ", new="options = None, "),
     Defect(name="contact_force", first="envs/test_pick_endings.py",
            file="hab_tasks/engine/snapshot.py",
-           old="if not apart(contact.bodies) and not self._is_grip(contact.bodies):"
+           old="if not apart(bodies) and not self._is_grip(bodies):"
                "\n                for point",
-           new="if self._links.issuperset(contact.bodies):\n                for point"),
+           new="if self._links.issuperset(bodies):\n                for point"),
     Defect(name="gripper_mask", first="core/test_rewards_place.py",
            file="hab_tasks/skills/place.py",
            old="where(m.released | m.released_before,", new="where(m.released,"),

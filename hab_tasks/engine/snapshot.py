@@ -167,7 +167,8 @@ class ContactForce:
         apart = self._links.isdisjoint
         for contact in self._px.get_contacts():
             # The engine filters contacts between a robot and what is snapped to its hand.
-            if not apart(contact.bodies) and not self._is_grip(contact.bodies):
+            bodies = contact.bodies
+            if not apart(bodies) and not self._is_grip(bodies):
                 for point in contact.points:
                     # Magnitudes are summed: of a link that is squeezed, the vectors would cancel.
                     x, y, z = point.impulse.tolist()

@@ -74,7 +74,8 @@ class FrictionGrasp(Grasp):
         pressed_n = self._pressed_n() if self._closes else {}
         held = {body for body, force_n in pressed_n.items() if min(force_n) >= LEAST_N}
         objects = [self._index[body] for body in held if body in self._index]
-        self.held = objects[0] if objects else NOTHING
+        # The first of several, as the order of a set of bodies differs between processes.
+        self.held = min(objects, default=NOTHING)
         self.held_handle = NOTHING if objects else self._handle_of(held)
         self.lost = self._closes and before != (NOTHING, NOTHING) and not self.holding
 

@@ -23,7 +23,7 @@ from hab_tasks.episodes.schema import Episode
 from hab_tasks.episodes.source import UNLIMITED, EpisodeSource
 from hab_tasks.errors import EpisodeError
 from hab_tasks.geometry import Pose7
-from hab_tasks.option_values import flag, whole
+from hab_tasks.option_values import whole
 from hab_tasks.privileged import ArticulationState, PrivilegedState
 from hab_tasks.robots.control import LONGEST_STEPS, ActionDelay, ee_step_m
 from hab_tasks.robots.grasp import NOTHING, Grasp
@@ -86,16 +86,14 @@ class EpisodeSimulation:
         requirements: Requirements,
         source: EpisodeSource,
         num_episodes: int,
-        prefetch: bool,
         delay_steps: int,
         noise: SensorNoise | Mapping[str, float] | None,
         perturbation: Perturbation,
     ) -> None:
-        """Runs episodes of `source`; with `prefetch`, preloads all its layouts."""
+        """Runs episodes of `source`."""
         self.robot, self.requirements, self.source = robot, requirements, source
-        self.perturbation, self._prefetch = perturbation, prefetch
+        self.perturbation = perturbation
         whole("num_episodes", num_episodes, 1, UNLIMITED)
-        flag("prefetch", prefetch)
         # A bad file is refused before anything is built.
         for episode in source.given:
             check_entries(episode, robot, requirements, source.file)
@@ -144,10 +142,6 @@ class EpisodeSimulation:
         self._pool = BodyPool(scene, self.source.objects, friction=perturbed.friction)
         self._lights = LayoutLights(scene, perturbed.light) if lit else None
         self.delay = ActionDelay(self._delay_steps, agent.controller) if self._delay_steps else None
-        if self._prefetch:
-            for scene_id in self.source.scene_ids():
-                # Shown once, so that its furniture is built; the pool keeps it.
-                self._pool.show(self.source.scene(scene_id), ())
         self.shown = None
         self._show()
 

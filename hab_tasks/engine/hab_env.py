@@ -53,13 +53,10 @@ class HabEnv(ObservingEnv):
         num_episodes: Number of episodes of the split to sample from.
         episode_seed: Seed of the generated episodes.
         novel: ``objects`` or ``receptacles`` held out for evaluation (S E.1).
-        prefetch: Preload all layouts of the split.
         cameras: Any of ``head``, ``arm`` and ``third_person``; None for the class's `cameras`.
-        camera_size_px: Image width and height; ManiSkill's `sensor_configs` overrides these and
-            other settings per camera.
+        camera_size_px: Image size; ManiSkill's `sensor_configs` overrides settings per camera.
         camera_hfov_rad: Horizontal field of view.
-        invisible_arm: Hide the arm from these cameras while it still collides (S F.3). The
-            human-render camera shows it.
+        invisible_arm: Hide the arm from these cameras while it still collides (S F.3).
         depth: ``m``: float32, 1 is 10 m or no return; ``mm``: ManiSkill's int16, 0 is no return.
         proprioception: False leaves proprioception out of the observation (S F.1).
         target_frame: ``base``: a skill's target is the vector from the end-effector to it along
@@ -69,12 +66,12 @@ class HabEnv(ObservingEnv):
         handle_position: Adds the door's or drawer's handle, along the axes of the base.
         targets: ``language`` leaves out every position of an object, goal, handle or receptacle.
         instructions: ``fixed`` or ``varied`` (`hab_tasks.instructions`).
-        skill_config: Overrides of reward weights and thresholds by name, e.g.
-            ``{"weights.force": 0.01, "force_limit_n": 2500.0}``; in a task, names are prefixed
-            with the skill: ``pick.weights.force``.
-        sensor_noise: None, a `SensorNoise`, or a dict of its attributes; seeded by the episode.
+        skill_config: Overrides of reward weights and thresholds, e.g. ``{"weights.force": 0.01,
+            "force_limit_n": 2500.0}``; in a task after the skill: ``pick.weights.force``.
+        sensor_noise: A `SensorNoise`, or a dict of its attributes; seeded by the episode.
         action_delay_steps: Delay of actions in steps (S F.5); at first the robot stands still.
         perturbation: None, a `Perturbation`, or a dict of its attributes.
+        robot: ``fetch``, ``panda_mobile`` or one of `register_robot`; as ManiSkill's robot_uids.
         grasp: ``snap`` or ``friction``; None for the robot's own.
         render_backend: ``auto``, ``none``, ``cpu``, ``gpu`` or ``rays``. `rays` computes depth,
             position and segmentation on the CPU along each pixel's ray, without a graphics driver;
@@ -105,7 +102,6 @@ class HabEnv(ObservingEnv):
         num_episodes: int = 50,
         episode_seed: int = 0,
         novel: str | None = None,
-        prefetch: bool = False,
         cameras: Iterable[str] | None = None,
         camera_size_px: int = CAMERA_SIZE_PX,
         camera_hfov_rad: float = CAMERA_HFOV_RAD,
@@ -120,24 +116,28 @@ class HabEnv(ObservingEnv):
         sensor_noise: SensorNoise | Mapping[str, float] | None = None,
         action_delay_steps: int = 0,
         perturbation: Perturbation | Mapping[str, float] | None = None,
+        robot: str | None = None,
         grasp: str | None = None,
         render_backend: str = "auto",
         **kwargs: Any,
     ) -> None:
-        kwargs = self._known(kwargs, grasp)
+        kwargs = self._known(kwargs, robot, grasp)
         self.configure(entries("skill_config", skill_config))
         self._set_told(proprioception, target_frame, handle_position, targets, instructions, depth)
         self._set_sensors(cameras, camera_size_px, camera_hfov_rad, invisible_arm)
-        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
         where: dict[str, Any] = {"scene_dataset": scene_dataset, "objects": objects, "scene": scene}
         of: Any = {"split": split, "file": episodes, "seed": episode_seed, "novel": novel}
-        options = num_episodes, prefetch, action_delay_steps, sensor_noise
+        options = num_episodes, action_delay_steps, sensor_noise
         self.simulation = self._simulated(where | of, Perturbation.of(perturbation), *options)
-        super().__init__(**{**kwargs, "robot_uids": self.robot.uid})  # builds the first scene
+        kwargs["render_backend"] = self._set_backend(render_backend, kwargs)
+        super().__init__(**kwargs)  # builds the first scene
 
-    def _known(self, options: dict[str, Any], grasp: str | None) -> dict[str, Any]:
-        """Sets the robot; returns ManiSkill's other options, checked, with a control mode."""
-        self.robot = requested_robot(options.pop("robot_uids", None), grasp, self.robot)
+    def _known(
+        self, options: dict[str, Any], robot: str | None, grasp: str | None
+    ) -> dict[str, Any]:
+        """Sets the robot; returns ManiSkill's options, checked, with a control mode."""
+        self.robot = requested_robot(options.get("robot_uids"), robot, grasp, self.robot)
+        options = {**options, "robot_uids": self.robot.uid}
         check_inherited(self.name, inspect.signature(HabEnv.__init__).parameters, options)
         return {**options, "control_mode": self.known_mode(options.get("control_mode"))}
 

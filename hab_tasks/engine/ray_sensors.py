@@ -21,6 +21,7 @@ from hab_tasks.robots.cameras import (
     pose_params,
     specified_pose,
 )
+from hab_tasks.robots.description import simulated_urdf
 from hab_tasks.robots.mobile_manipulator import MobileManipulator
 from hab_tasks.simulator import change_cameras, sapien_object
 from hab_tasks.world.raycast.scene import Pinhole, RayBody, RayImage, RayScene
@@ -55,7 +56,7 @@ def visible_bodies(
         for link in active.articulations[furniture.name].links:
             name, entity = f"{furniture.name}/{link.name}", sapien_object(link).entity
             yield RayBody(name=name, visuals=of_link[link.name], entity=entity)
-    of_link = urdf_visuals(agent.urdf(visuals=True))
+    of_link = urdf_visuals(simulated_urdf(agent.spec, visuals=True))
     for link in agent.robot.links:
         if link.name not in hidden:
             name, entity = f"{ROBOT}/{link.name}", sapien_object(link).entity

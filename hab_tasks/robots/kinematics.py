@@ -18,12 +18,11 @@ _EYE = np.eye(3)
 
 def _arm_urdf(robot: RobotSpec) -> str:
     """Returns the URDF with revolute instead of continuous joints: q is one angle each."""
-    text = robot.urdf_path().read_text()
     ranges = zip(robot.arm_lower_rad, robot.arm_upper_rad, strict=True)
     # Pinocchio has cosine and sine for a continuous joint, where `locked_qpos` has its angle.
     limits: dict[str | None, tuple[float, float]] = dict.fromkeys(robot.locked_qpos, (-pi, pi))
     limits.update(zip(robot.arm_joints, ranges, strict=True))
-    root = ElementTree.fromstring(text)
+    root = robot.urdf_tree()
     for joint in root.iter("joint"):
         if joint.get("name") in limits and joint.get("type") == "continuous":
             low, high = limits[joint.get("name")]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Sequence
 from typing import ClassVar
 
@@ -16,6 +15,7 @@ from torch import Tensor
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.robots.cameras import CameraRig
 from hab_tasks.robots.control import HabController, HabControllerConfig, control_configs
+from hab_tasks.robots.description import simulated_srdf, simulated_urdf
 from hab_tasks.robots.spec import RobotSpec
 from hab_tasks.simulator import sapien_object
 from hab_tasks.world.scenes.physics import FLOOR_BIT, HAND, ROBOT, set_groups
@@ -37,14 +37,6 @@ class MobileManipulator(BaseAgent):
     rig = CameraRig()
     new_cameras: Sequence[CameraConfig] = ()
 
-    @abstractmethod
-    def urdf(self, visuals: bool) -> str:
-        """Returns its URDF, with light visuals or without visuals."""
-
-    @abstractmethod
-    def srdf(self) -> str:
-        """Returns its SRDF: link pairs without collision."""
-
     @property
     def _controller_configs(self) -> dict[str, HabControllerConfig]:  # type: ignore[override]
         return control_configs(self.spec)
@@ -58,16 +50,16 @@ class MobileManipulator(BaseAgent):
         if initial_pose is None and not (self.scene.can_render() or self.build_separate):
             self._load_parsed(start)
             return
-        with urdf_file(self.urdf(visuals=self.scene.can_render()), self.uid) as path:
-            path.with_suffix(".srdf").write_text(self.srdf(), encoding="utf-8")
+        with urdf_file(simulated_urdf(self.spec, self.scene.can_render()), self.uid) as path:
+            path.with_suffix(".srdf").write_text(simulated_srdf(self.spec), encoding="utf-8")
             self.urdf_path = str(path)
             super()._load_articulation(start if initial_pose is None else initial_pose)  # type: ignore[arg-type]
 
     def _load_parsed(self, start: sapien.Pose) -> None:
         """Loads the robot as ManiSkill does, but parses its URDF once for all scenes."""
         name = self.uid if self._agent_idx is None else f"{self.uid}-agent-{self._agent_idx}"
-        text = self.urdf(visuals=False)
-        with articulation_builder(self.scene, text, name, srdf=self.srdf()) as builder:
+        text, srdf = simulated_urdf(self.spec, visuals=False), simulated_srdf(self.spec)
+        with articulation_builder(self.scene, text, name, srdf=srdf) as builder:
             builder.initial_pose = start
             self.robot = builder.build()
         self.robot_link_names = [link.name for link in self.robot.get_links()]

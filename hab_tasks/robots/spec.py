@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 from hab_tasks.constants import CONTROL_HZ
 from hab_tasks.errors import UnknownNameError
@@ -66,7 +67,9 @@ class RobotSpec:
 
     Attributes:
         uid: ManiSkill's robot uid, and prefix of its link names in the privileged state.
-        urdf: The URDF, in ManiSkill's asset folder or absolute; an SRDF has to be beside it.
+        urdf: The URDF, in ManiSkill's asset folder or absolute.
+        base_urdf: Another, in the same way, that adds elements, and replaces those of the same
+            name: the base of an arm that has none. An SRDF has to be beside it, or `urdf` alone.
         arm_joints: The controlled arm joints, from the shoulder on.
         arm_links: Their child links, in the same order.
         arm_lower_rad: Lower limits; continuous joints are limited to one turn.
@@ -90,10 +93,14 @@ class RobotSpec:
         ee_lower_m: Lower corner of the end-effector's workspace box in the base frame.
         ee_upper_m: Upper corner.
         cameras: The sensor cameras by name.
+        shapeless_links: Links that collide with nothing.
+        near_pairs: Link pairs within 2 cm of each other in the resting pose that never touch; the
+            engine would check them for contacts in every step.
     """
 
     uid: str
     urdf: str
+    base_urdf: str | None = None
     arm_joints: tuple[str, ...]
     arm_links: tuple[str, ...]
     arm_lower_rad: Limits
@@ -117,6 +124,8 @@ class RobotSpec:
     ee_lower_m: Point
     ee_upper_m: Point
     cameras: Mapping[str, CameraPlace]
+    shapeless_links: tuple[str, ...] = ()
+    near_pairs: tuple[tuple[str, str], ...] = ()
 
     def __deepcopy__(self, memo: object) -> RobotSpec:
         """Returns itself: ManiSkill copies the configurations of its controllers."""
@@ -142,14 +151,37 @@ class RobotSpec:
         """Angle that it turns in a control step at its maximum speed."""
         return self.base_angular_speed_rad_s / CONTROL_HZ
 
-    def urdf_path(self) -> Path:
-        """Returns the URDF of the installed ManiSkill."""
+    def urdf_tree(self) -> ElementTree.Element:
+        """Returns the root of its URDF, with absolute paths of meshes."""
+        root, *added = [_urdf_root(file) for file in self._files()]
+        named = {(element.tag, element.get("name")): element for element in root}
+        for element in (element for base in added for element in base):
+            if (old := named.get((element.tag, element.get("name")))) is not None:
+                root.remove(old)
+            root.append(element)
+        return root
+
+    def srdf_path(self) -> Path:
+        """Returns its SRDF."""
+        return self._files()[-1].with_suffix(".srdf")
+
+    def _files(self) -> list[Path]:
         import mani_skill  # takes seconds, which would slow down --help
 
-        return Path(mani_skill.PACKAGE_ASSET_DIR) / self.urdf
+        return [mani_skill.PACKAGE_ASSET_DIR / one for one in (self.urdf, self.base_urdf) if one]
+
+
+def _urdf_root(file: Path) -> ElementTree.Element:
+    root = ElementTree.parse(file).getroot()
+    for mesh in root.iter("mesh"):
+        mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
+    return root
 
 
 FRICTION = "friction"
+
+PREFIX = "hab_"
+"""Prefix of uids, which ManiSkill's robots do not have."""
 
 _robots: dict[str, tuple[RobotSpec, str]] = {}
 """Uid -> specification, and ``module:Class`` of the agent."""
@@ -160,15 +192,16 @@ def register_robot(spec: RobotSpec, agent: str) -> None:
     _robots[spec.uid] = spec, agent
 
 
-def robot_of(uid: str) -> RobotSpec:
-    """Returns the specification of a robot.
+def robot_of(name: str) -> RobotSpec:
+    """Returns the specification of a robot, by its uid or by its name: the uid without ``hab_``.
 
     Raises:
         UnknownNameError: No such robot is registered.
     """
-    if uid not in _robots:
-        raise UnknownNameError("robot_uids", uid, list(_robots))
-    return _robots[uid][0]
+    found = _robots.get(name) or _robots.get(f"{PREFIX}{name}")
+    if found is None:
+        raise UnknownNameError("robot", name, [uid.removeprefix(PREFIX) for uid in _robots])
+    return found[0]
 
 
 def agent_class(spec: RobotSpec) -> Any:
@@ -177,18 +210,23 @@ def agent_class(spec: RobotSpec) -> Any:
     return getattr(import_module(module), name)
 
 
-def requested_robot(uids: Any, grasp: str | None, default: RobotSpec) -> RobotSpec:
-    """Returns the robot of ManiSkill's option, with the grasp of ours.
+def requested_robot(
+    uids: Any, name: str | None, grasp: str | None, default: RobotSpec
+) -> RobotSpec:
+    """Returns the robot of ManiSkill's option, or of ours, with the grasp of ours.
 
     Args:
         uids: A uid or, in recorded options, a list of one; None for the default.
+        name: Uid or name; has precedence.
         grasp: ``snap`` or ``friction``; None for the robot's own.
         default: The environment's robot.
 
     Raises:
         UnknownNameError: There is no such robot, or it has no such grasp.
     """
-    uid: Any = uids[0] if isinstance(uids, list | tuple) and len(uids) == 1 else uids
+    uid: Any = uids if name is None else name
+    if isinstance(uid, list | tuple):
+        uid = uid[0] if len(uid) == 1 else tuple(uid)
     robot = with_grasp(default if uid is None else robot_of(uid), grasp)
     agent_class(robot)  # registers it with ManiSkill
     return robot

@@ -22,15 +22,13 @@ EMPTY_FACES = np.zeros((0, 3), dtype=np.int64)
 
 def fetch_without_visuals(folder: Path) -> Path:
     """Writes Fetch's URDF (and SRDF) without visuals, which need a Vulkan device."""
-    root = ElementTree.parse(FETCH.urdf_path()).getroot()
+    root = FETCH.urdf_tree()
     for link in root.iter("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    for mesh in root.iter("mesh"):
-        mesh.set("filename", str(FETCH.urdf_path().parent / mesh.get("filename", "")))
     path = folder / "fetch.urdf"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    shutil.copy(FETCH.urdf_path().with_suffix(".srdf"), folder / "fetch.srdf")
+    shutil.copy(FETCH.srdf_path(), folder / "fetch.srdf")
     return path
 
 

@@ -6,8 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from hab_tasks.robots.description import simulated_urdf
 from hab_tasks.robots.fetch import FETCH
-from hab_tasks.robots.fetch.agent import _fetch_urdf
 from hab_tasks.world.scenes.fixed_links import merge_fixed_links
 
 CHAIN = """<robot name="r">
@@ -61,8 +61,8 @@ def test_a_link_becomes_part_of_its_parent_unless_it_is_kept():
 
 
 def test_fetch_is_the_same_body():
-    whole = pin.buildModelFromUrdf(str(FETCH.urdf_path()))
-    merged = pin.buildModelFromXML(_fetch_urdf(FETCH, False))
+    whole = pin.buildModelFromXML(ElementTree.tostring(FETCH.urdf_tree(), encoding="unicode"))
+    merged = pin.buildModelFromXML(simulated_urdf(FETCH, visuals=False))
     assert list(merged.names) == list(whole.names)
     qpos, models = pin.randomConfiguration(whole), (whole, merged)
     inertias = [pin.crba(model, model.createData(), qpos) for model in models]

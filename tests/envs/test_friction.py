@@ -56,7 +56,7 @@ def test_agents_are_set_up_for_it():
     assert setup.robot == FETCH_FRICTION.uid
     spaces = setup.spaces(AgentSpec(name="x", control_mode="ee"))
     assert spaces.observation["agent"]["fingers"].shape == (2,)
-    with pytest.raises(UnknownNameError, match="hab_fetch"):
+    with pytest.raises(UnknownNameError, match="Did you mean 'fetch'"):
         setup_of(EvalConfig(agent="x:y", env="HabPick-v1", env_options={"robot": "hab_fetsh"}))
 
 

@@ -1,6 +1,7 @@
 """A robot of a user in one file: another rest pose and camera, a renamed hand, six arm joints."""
 
 from dataclasses import replace
+from xml.etree import ElementTree
 
 import gymnasium as gym
 import numpy as np
@@ -30,9 +31,8 @@ class LowFetch(HabFetch):
 
 @pytest.fixture
 def low_fetch(tmp_path):
-    meshes = f'filename="{FETCH.urdf_path().parent}/'
-    for suffix in (".urdf", ".srdf"):
-        text = FETCH.urdf_path().with_suffix(suffix).read_text().replace('filename="', meshes)
+    urdf = ElementTree.tostring(FETCH.urdf_tree(), encoding="unicode")
+    for suffix, text in ((".urdf", urdf), (".srdf", FETCH.srdf_path().read_text())):
         (tmp_path / f"low{suffix}").write_text(text.replace('"gripper_link"', '"hand_link"'))
     locked = {**FETCH.locked_qpos, FETCH.arm_joints[LOCKED]: FETCH.rest_qpos_rad[LOCKED]}
     six = replace(FETCH, locked_qpos=locked, **{name: tuple(OTHERS[name]) for name in ARM})

@@ -53,6 +53,12 @@ FETCH = RobotSpec(
             link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
         ),
     },
+    # Wheels are inside the base's outline and touch only the floor.
+    shapeless_links=("r_wheel_link", "l_wheel_link"),
+    near_pairs=(
+        ("head_pan_link", "shoulder_lift_link"),  # 1.9 cm or more
+        ("head_tilt_link", "shoulder_lift_link"),
+    ),
 )
 
 _FINGERS = Fingers(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Collection
 from dataclasses import dataclass
 from xml.etree import ElementTree
@@ -95,7 +96,9 @@ def _move(element: ElementTree.Element, parent_from_child: Array) -> None:
     if origin is None:
         origin = ElementTree.SubElement(element, "origin")
     origin.set("xyz", _text(pose[:3, 3]))
-    origin.set("rpy", _text(Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")))
+    with warnings.catch_warnings():  # at a pitch of 90 degrees, any of the right angles will do
+        warnings.filterwarnings("ignore", "Gimbal lock", UserWarning)
+        origin.set("rpy", _text(Rotation.from_matrix(pose[:3, :3]).as_euler("xyz")))
 
 
 def _origin(element: ElementTree.Element) -> Array:

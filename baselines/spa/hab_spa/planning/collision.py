@@ -9,8 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
-from xml.etree import ElementTree
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin  # pyright: ignore[reportMissingImports]  # compiled, no stubs
@@ -20,6 +19,7 @@ from hab_spa.planning import batch
 from hab_spa.planning.items import CoalModel, Contact, Items, Obstacle, collect
 from hab_spa.shapes import Array, invert_pose, standing, within_body
 from hab_tasks.privileged import PrivilegedState
+from hab_tasks.robots.description import ignored_pairs
 from hab_tasks.robots.kinematics import arm_model
 from hab_tasks.robots.spec import RobotSpec
 
@@ -40,20 +40,6 @@ class CollisionConfig:
 def within(reach_m: float | None) -> CollisionConfig:
     """Returns the default parameters with another reach; None for the default reach."""
     return CollisionConfig() if reach_m is None else CollisionConfig(reach_m=reach_m)
-
-
-@cache
-def allowed_link_pairs(robot: RobotSpec) -> frozenset[frozenset[str]]:
-    """Returns the link pairs that are not checked: adjacent links, and those of the SRDF."""
-    pairs = set()
-    for joint in ElementTree.parse(robot.urdf_path()).getroot().iter("joint"):
-        parent, child = joint.find("parent"), joint.find("child")
-        if parent is not None and child is not None:
-            pairs.add(frozenset((parent.get("link", ""), child.get("link", ""))))
-    srdf = ElementTree.parse(robot.urdf_path().with_suffix(".srdf")).getroot()
-    for entry in srdf.iter("disable_collisions"):
-        pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
-    return frozenset(pairs)
 
 
 class ArmCollision:
@@ -360,7 +346,7 @@ class ArmCollision:
 
     def _own_pairs(self) -> NDArray[np.int64]:
         """Returns the self-collision pairs (P, 2), without pairs in contact at the rest pose."""
-        items, allowed = self._items, allowed_link_pairs(self.robot)
+        items, allowed = self._items, ignored_pairs(self.robot)
         # Of the robot's shapes only, as comparing names is slow.
         own = np.flatnonzero((items.role == "arm") | (items.role == "robot"))
         arm, link = items.role[own] == "arm", items.link[own]

@@ -22,16 +22,16 @@ class OwnShapes:
     """Collision shapes of a robot.
 
     Attributes:
-        bodies: One body per link with collision meshes, of their convex hulls.
+        bodies: One body per link with collision shapes, of their convex hulls.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
-        """Loads the meshes."""
+        """Loads the shapes."""
         self._robot, self._model = robot, arm_model(robot)[0]
-        links = ElementTree.parse(robot.urdf_path()).getroot().iter("link")
+        links = robot.urdf_tree().iter("link")
         hulls = {
             # As in the simulator, the robot is the prefix of its bodies' names.
-            f"{robot.uid}/{link.get('name')}": [_hull(robot, c) for c in link.findall("collision")]
+            f"{robot.uid}/{link.get('name')}": [_hull(c) for c in link.findall("collision")]
             for link in links
         }
         self.bodies = tuple(
@@ -101,15 +101,13 @@ def own_shapes(robot: RobotSpec) -> OwnShapes:
     return OwnShapes(robot)
 
 
-def _hull(robot: RobotSpec, collision: ElementTree.Element) -> CollisionShape:
-    """Returns the convex hull of a collision mesh, the only supported kind of shape."""
-    mesh = collision.find("geometry/mesh")
-    if mesh is None:
-        raise ValueError(
-            f"{robot.urdf_path()}: own_shapes.py supports only meshes as collision shapes."
-        )
-    loaded = trimesh.load_mesh(robot.urdf_path().parent / mesh.get("filename", ""))
-    hull = loaded.convex_hull
+def _hull(collision: ElementTree.Element) -> CollisionShape:
+    """Returns the convex hull of a collision shape.
+
+    Raises:
+        ValueError: The shape is neither a mesh nor a box.
+    """
+    hull = _solid(collision).convex_hull
     return CollisionShape(
         kind="convex",
         body_from_shape=_origin(collision.find("origin")),
@@ -117,6 +115,14 @@ def _hull(robot: RobotSpec, collision: ElementTree.Element) -> CollisionShape:
         vertices_m=np.asarray(hull.vertices, dtype=float),
         faces=np.asarray(hull.faces, dtype=np.int64),
     )
+
+
+def _solid(collision: ElementTree.Element) -> trimesh.Trimesh:
+    if (mesh := collision.find("geometry/mesh")) is not None:
+        return trimesh.load_mesh(mesh.get("filename", ""))
+    if (box := collision.find("geometry/box")) is not None:
+        return trimesh.creation.box([float(side) for side in box.get("size", "").split()])
+    raise ValueError("Collision shapes of robots are meshes or boxes.")
 
 
 def _origin(element: ElementTree.Element | None) -> Array:

@@ -1,4 +1,4 @@
-"""Light visual model of Fetch for rendering without a GPU.
+"""Light visual models of robots for rendering without a GPU.
 
 ManiSkill's Fetch has some 200,000 triangles, which take most of a software renderer's time. Here
 each link's mesh is split by colour (its texture sampled at every face), each colour is decimated,
@@ -28,13 +28,13 @@ _MIN_SHARE = 0.02
 _GREY = np.array([0.6, 0.6, 0.6])
 
 
-def lighten(root: ElementTree.Element, folder: Path) -> None:
-    """Replaces every visual mesh in a URDF tree, with paths from `folder`, by a decimated copy."""
+def lighten(root: ElementTree.Element) -> None:
+    """Replaces every visual mesh in a URDF tree, with absolute paths, by a decimated copy."""
     for visual in root.iter("visual"):
         mesh = visual.find("geometry/mesh")
         if mesh is None:
             continue
-        source = (folder / mesh.get("filename", "")).resolve()
+        source = Path(mesh.get("filename", ""))
         color = visual.find("material/color")
         rgba = color.get("rgba", "") if color is not None else ""
         mesh.set("filename", str(light_mesh(source, rgba)))

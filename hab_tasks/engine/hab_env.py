@@ -37,7 +37,7 @@ from hab_tasks.option_values import entries, row_numbers, seeds
 from hab_tasks.registration import reference_of, registered_id
 from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.robots.control_modes import nearest_mode
-from hab_tasks.robots.spec import RobotSpec, requested_robot
+from hab_tasks.robots.spec import RobotSpec, requested_robot, robot_reference
 from hab_tasks.world.scenes.physics import sim_config
 
 
@@ -146,7 +146,7 @@ class HabEnv(ObservingEnv):
     ) -> EpisodeSimulation:
         """Returns the simulation of requested episodes."""
         request |= {"env_id": registered_id(type(self)), "clutter": perturbation.clutter}
-        source = open_source(EpisodeRequest(**request, robot=self.robot.uid))
+        source = open_source(EpisodeRequest(**request, robot=robot_reference(self.robot)))
         options = *options, perturbation
         simulation = EpisodeSimulation(self.robot, self.requirements, source, *options)
         Rows([simulation], self.rules_of)  # kept by the simulation, until a worker joins it

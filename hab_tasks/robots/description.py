@@ -37,7 +37,7 @@ def simulated_srdf(robot: RobotSpec) -> str:
 
     Pairs with a merged link are left out; the engine ignores links next to each other by itself.
     """
-    root = ElementTree.parse(robot.srdf_path()).getroot()
+    root = robot.srdf_tree()
     merged = ElementTree.fromstring(simulated_urdf(robot, visuals=False))
     links = {link.get("name") for link in merged.iter("link")}
     for pair in root.findall("disable_collisions"):
@@ -59,7 +59,6 @@ def ignored_pairs(robot: RobotSpec) -> frozenset[frozenset[str]]:
         for tree in trees
         for joint in tree.iter("joint")
     }
-    srdf = ElementTree.parse(robot.srdf_path()).getroot()
-    for entry in srdf.iter("disable_collisions"):
+    for entry in robot.srdf_tree().iter("disable_collisions"):
         pairs.add(frozenset((entry.get("link1", ""), entry.get("link2", ""))))
     return frozenset(pairs)

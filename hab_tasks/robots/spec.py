@@ -10,7 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.errors import UnknownNameError
+from hab_tasks.errors import DatasetError, UnknownNameError
 
 Limits = tuple[float, ...]
 Point = tuple[float, float, float]
@@ -69,7 +69,8 @@ class RobotSpec:
         uid: ManiSkill's robot uid, and prefix of its link names in the privileged state.
         urdf: The URDF, in ManiSkill's asset folder or absolute.
         base_urdf: Another, in the same way, that adds elements, and replaces those of the same
-            name: the base of an arm that has none. An SRDF has to be beside it, or `urdf` alone.
+            name: the base of an arm that has none. An SRDF beside the last of them may have pairs
+            of links that are not checked for collision.
         arm_joints: The controlled arm joints, from the shoulder on.
         arm_links: Their child links, in the same order.
         arm_lower_rad: Lower limits; continuous joints are limited to one turn.
@@ -94,6 +95,8 @@ class RobotSpec:
         ee_upper_m: Upper corner.
         cameras: The sensor cameras by name.
         shapeless_links: Links that collide with nothing.
+        tucked_qpos_rad: Arm pose with arm, hand and held object above the base, within 0.35 m of
+            its center; empty for the resting pose.
         near_pairs: Link pairs within 2 cm of each other in the resting pose that never touch; the
             engine would check them for contacts in every step.
     """
@@ -125,6 +128,7 @@ class RobotSpec:
     ee_upper_m: Point
     cameras: Mapping[str, CameraPlace]
     shapeless_links: tuple[str, ...] = ()
+    tucked_qpos_rad: tuple[float, ...] = ()
     near_pairs: tuple[tuple[str, str], ...] = ()
 
     def __deepcopy__(self, memo: object) -> RobotSpec:
@@ -152,18 +156,34 @@ class RobotSpec:
         return self.base_angular_speed_rad_s / CONTROL_HZ
 
     def urdf_tree(self) -> ElementTree.Element:
-        """Returns the root of its URDF, with absolute paths of meshes."""
-        root, *added = [_urdf_root(file) for file in self._files()]
+        """Returns the root of its URDF, with absolute paths of meshes.
+
+        Raises:
+            DatasetError: The file is missing or damaged, or lacks a link or joint named here.
+        """
+        root, *added = [_read(file) for file in self._files()]
         named = {(element.tag, element.get("name")): element for element in root}
         for element in (element for base in added for element in base):
             if (old := named.get((element.tag, element.get("name")))) is not None:
                 root.remove(old)
             root.append(element)
+        for kind, names in self._named().items():
+            known = [element.get("name", "") for element in root.findall(kind)]
+            for name in (name for name in names if name not in known):
+                raise DatasetError(f"{self._files()[-1]}: {UnknownNameError(kind, name, known)}")
         return root
 
-    def srdf_path(self) -> Path:
-        """Returns its SRDF."""
-        return self._files()[-1].with_suffix(".srdf")
+    def srdf_tree(self) -> ElementTree.Element:
+        """Returns the root of its SRDF, which is empty if there is none."""
+        file = self._files()[-1].with_suffix(".srdf")
+        return _read(file) if file.is_file() else ElementTree.Element("robot", name=self.uid)
+
+    def _named(self) -> dict[str, tuple[str, ...]]:
+        """Returns the links and joints that its URDF has to have."""
+        cameras = tuple(place.link for place in self.cameras.values())
+        links = *self.arm_links, self.base_link, *self.body_links, *self.finger_links, self.ee_link
+        joints = *self.arm_joints, *self.base_joints, *self.locked_qpos, *self.finger_joints
+        return {"link": (*links, *cameras), "joint": joints}
 
     def _files(self) -> list[Path]:
         import mani_skill  # takes seconds, which would slow down --help
@@ -171,8 +191,12 @@ class RobotSpec:
         return [mani_skill.PACKAGE_ASSET_DIR / one for one in (self.urdf, self.base_urdf) if one]
 
 
-def _urdf_root(file: Path) -> ElementTree.Element:
-    root = ElementTree.parse(file).getroot()
+def _read(file: Path) -> ElementTree.Element:
+    """Returns the root of a URDF or SRDF, with absolute paths of meshes."""
+    try:
+        root = ElementTree.parse(file).getroot()
+    except (OSError, ElementTree.ParseError) as error:
+        raise DatasetError(f"{file}: {error}.") from error
     for mesh in root.iter("mesh"):
         mesh.set("filename", str((file.parent / mesh.get("filename", "")).resolve()))
     return root
@@ -193,15 +217,28 @@ def register_robot(spec: RobotSpec, agent: str) -> None:
 
 
 def robot_of(name: str) -> RobotSpec:
-    """Returns the specification of a robot, by its uid or by its name: the uid without ``hab_``.
+    """Returns the specification of a robot.
+
+    Args:
+        name: Its uid, that without ``hab_``, or ``module:uid`` of a module that registers it.
 
     Raises:
         UnknownNameError: No such robot is registered.
+        ModuleNotFoundError: There is no such module.
     """
+    module, _, name = name.rpartition(":") if isinstance(name, str) else ("", "", name)
+    if module:
+        import_module(module)
     found = _robots.get(name) or _robots.get(f"{PREFIX}{name}")
     if found is None:
         raise UnknownNameError("robot", name, [uid.removeprefix(PREFIX) for uid in _robots])
     return found[0]
+
+
+def robot_reference(robot: RobotSpec) -> str:
+    """Returns a name by which other processes find a robot: its uid, or ``module:uid``."""
+    module = _robots[robot.uid][1].partition(":")[0]
+    return robot.uid if module.startswith(f"{__package__}.") else f"{module}:{robot.uid}"
 
 
 def agent_class(spec: RobotSpec) -> Any:

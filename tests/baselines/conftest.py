@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +27,7 @@ def fetch_without_visuals(folder: Path) -> Path:
             link.remove(visual)
     path = folder / "fetch.urdf"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
-    shutil.copy(FETCH.srdf_path(), folder / "fetch.srdf")
+    (folder / "fetch.srdf").write_text(ElementTree.tostring(FETCH.srdf_tree(), encoding="unicode"))
     return path
 
 

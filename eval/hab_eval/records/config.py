@@ -15,7 +15,7 @@ from hab_tasks.errors import OptionError, shown
 from hab_tasks.io.files import written_aside
 from hab_tasks.option_values import whole
 from hab_tasks.robots import DEFAULT_ROBOT
-from hab_tasks.robots.spec import robot_of, with_grasp
+from hab_tasks.robots.spec import robot_of, robot_reference, with_grasp
 from hab_tasks.typed_values import LARGEST_INT, is_text
 
 MOST_EPISODES = 100_000
@@ -182,7 +182,7 @@ def short_name(dataset: str) -> str:
 
 
 def robot_asked(env_options: Mapping[str, str]) -> str | None:
-    """Returns the uid of the robot of the options ``robot`` and ``grasp``; None without them.
+    """Returns the `robot_reference` of the options ``robot`` and ``grasp``; None without them.
 
     Raises:
         UnknownNameError: There is no such robot, or it has no such grasp.
@@ -190,4 +190,4 @@ def robot_asked(env_options: Mapping[str, str]) -> str | None:
     uid, grasp = env_options.get("robot"), env_options.get("grasp")
     if uid is None and grasp is None:
         return None
-    return with_grasp(robot_of(uid or DEFAULT_ROBOT.uid), grasp).uid
+    return robot_reference(with_grasp(robot_of(uid or DEFAULT_ROBOT.uid), grasp))

@@ -53,6 +53,7 @@ FETCH = RobotSpec(
             link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
         ),
     },
+    tucked_qpos_rad=(-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39),
     # Wheels are inside the base's outline and touch only the floor.
     shapeless_links=("r_wheel_link", "l_wheel_link"),
     near_pairs=(

@@ -43,6 +43,7 @@ PANDA_MOBILE = RobotSpec(
             link="base_link", position_m=(-0.5, 0.5, 1.7), target_m=(1.0, 0.0, 0.75)
         ),
     },
+    tucked_qpos_rad=(0.0, -0.99, 0.0, -2.0, 0.0, 1.01, 0.785398),
 )
 
 register_robot(PANDA_MOBILE, "hab_tasks.robots.panda_mobile.agent:HabPandaMobile")

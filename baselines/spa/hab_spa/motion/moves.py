@@ -17,6 +17,7 @@ from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.escape import EscapeConfig, escape
 from hab_spa.planning.joint_goal import sample_rest_goals
 from hab_spa.shapes import Array
+from hab_tasks.robots.spec import RobotSpec
 
 RETURN_SHARE, REACH_SHARE = 1.0, 0.5
 """Shares of the remaining time that a motion may take."""
@@ -114,8 +115,9 @@ def go(
     return (yield from follow(robot, result.path, share, intact, near_rad=near_rad))
 
 
-TUCKED_QPOS_RAD = (-1.60, -1.22, 0.90, -0.61, 1.88, 2.14, 0.39)
-"""Arm pose with arm, hand and held object above the base, within 0.35 m of its center."""
+def tucked_rad(robot: RobotSpec) -> Array:
+    """Returns the tucked arm pose (J,)."""
+    return np.array(robot.tucked_qpos_rad or robot.rest_qpos_rad)
 
 
 def rest(

@@ -44,7 +44,8 @@ class Shapes(NamedTuple):
     `local_m` and `span`, one row more is scratch: a single voxel, as a box.
 
     Attributes:
-        chain: (J, 13) the joints: placement (rotation by rows, translation) and axis 0, 1 or 2.
+        chain: (J, 13) the joints: placement (rotation by rows, translation) and axis: 0, 1 or 2 of
+            rotation, 3, 4 or 5 of sliding.
         root: (1, 12) pose of the arm's root, in the frame where it stood at first.
         box_m: (6, S) bounding boxes of the scene's shapes in that frame, rounded outwards; of the
             robot's, scratch.
@@ -266,13 +267,17 @@ def blocks_of(
     return np.ascontiguousarray(np.concatenate(spheres).T), np.array(first, dtype=np.int64)
 
 
+JOINTS = tuple(f"JointModel{kind}{axis}" for kind in "RP" for axis in "XYZ")
+"""Pinocchio's names of joints that rotate about, or slide along, an axis of their own frame."""
+
+
 @cache
 def chain_of(robot: RobotSpec) -> Array:
     """Returns the joints (J, 13) of the arm: placements and axes; made once, do not modify."""
     rows, (model, _) = [], arm_model(robot)
     # Pinocchio's first joint is the world.
     for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
-        axis = "XYZ".index(joint.shortname()[-1])
+        axis = JOINTS.index(joint.shortname())
         rows.append((*placement.rotation.ravel(), *placement.translation, axis))
     return np.array(rows)
 

@@ -63,6 +63,7 @@ class BatchArm:
         robot: The robot.
         limits_rad: Lower and upper limits (J,).
         rest_rad: (J,) resting pose.
+        ends_in_roll: Whether the last joint's axis passes through the end-effector.
     """
 
     def __init__(self, robot: RobotSpec) -> None:
@@ -71,10 +72,11 @@ class BatchArm:
         self.rest_rad = np.array(robot.rest_qpos_rad)
         self._model, self._frame_id = arm_model(robot)
         self._data = self._model.createData()
-        # The arm's joints turn about x, y or z of their own frame.
-        self._axes = ["XYZ".index(joint.shortname()[-1]) for joint in list(self._model.joints)[1:]]
+        self._axes = chain_of(robot)[:, 12].astype(int).tolist()
         self._placements = list(self._model.jointPlacements)[1:]
         self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
+        aside_m = np.delete(self._wrist_from_ee_m, self._axes[-1] % 3)
+        self.ends_in_roll = self._axes[-1] < 3 and bool(np.abs(aside_m).max() < 1e-6)
 
     def random(self, rng: np.random.Generator, count: int) -> Array:
         """Samples arm poses (count, J) within the limits."""
@@ -107,12 +109,17 @@ class BatchArm:
         for i, (axis, placement) in enumerate(zip(self._axes, self._placements, strict=True)):
             position = position + rotation @ placement.translation
             rotation = rotation @ placement.rotation
-            axes[:, i], origins[:, i] = rotation[:, :, axis], position
-            rotation = _turned(rotation, axis, qpos[:, i])
+            axes[:, i], origins[:, i] = rotation[:, :, axis % 3], position
+            if axis > 2:
+                position = position + qpos[:, i, None] * axes[:, i]
+            else:
+                rotation = _turned(rotation, axis, qpos[:, i])
         # The end-effector's frame has the wrist's orientation.
         position = position + rotation @ (self._wrist_from_ee_m + point_m)
         arms = position[:, None] - origins
         jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
+        slides = np.array(self._axes) > 2
+        jacobian[:, slides], axes[:, slides] = axes[:, slides], 0.0
         return position, jacobian.transpose(0, 2, 1), axes.transpose(0, 2, 1), rotation
 
     def solve(

@@ -20,13 +20,16 @@ def _jacobian(
 ) -> None:
     """Writes the Jacobian (6, J) of a point: translation, then rotation."""
     for j in range(len(chain)):
-        axis = int(chain[j, 12])
+        axis, slides = int(chain[j, 12]) % 3, chain[j, 12] > 2.0
         a, b, c = joints[j + 1, axis], joints[j + 1, 3 + axis], joints[j + 1, 6 + axis]
         x = point[0] - joints[j + 1, 9]
         y = point[1] - joints[j + 1, 10]
         z = point[2] - joints[j + 1, 11]
         out[0, j], out[1, j], out[2, j] = b * z - c * y, c * x - a * z, a * y - b * x
         out[3, j], out[4, j], out[5, j] = a, b, c
+        if slides:
+            out[0, j], out[1, j], out[2, j] = a, b, c
+            out[3, j] = out[4, j] = out[5, j] = 0.0
 
 
 @called

@@ -17,7 +17,6 @@ from hab_spa.planning.collision import ArmCollision
 from hab_spa.planning.ik import BatchArm, CompiledArm, IkConfig, Tool
 from hab_spa.shapes import Array, invert_pose
 from hab_tasks.arrays import Bools
-from hab_tasks.constants import REST_POSITION_M
 
 AT_ONCE = 48
 """Arm poses that are checked first, of the cheapest; then twice as many, until there are goals."""
@@ -234,7 +233,7 @@ def sample_rest_goals(
         offset_m = rng.normal(size=(len(starts), 3))
         # Uniform over radii and not over the volume, so that points are denser near the position.
         offset_m *= config.rest_radius_m / np.linalg.norm(offset_m, axis=1, keepdims=True)
-        rest_m = np.array(REST_POSITION_M) - collision.base_from_arm[:3, 3]
+        rest_m = np.array(collision.robot.rest_position_m) - collision.base_from_arm[:3, 3]
         world_from_arm = invert_pose(collision.arm_from_world)
         targets_m = rest_m + offset_m * rng.uniform(size=(len(starts), 1))
         return starts, targets_m @ world_from_arm[:3, :3].T + world_from_arm[:3, 3]
@@ -393,8 +392,9 @@ def apart(poses: Array, config: GoalConfig) -> Array:
 def _with_rest_roll(solutions: Array, arm: BatchArm) -> Array:
     """Prepends copies of solutions (B, J) with the resting wrist roll.
 
-    The roll does not move the end-effector point, so the copies are solutions too, nearer to rest.
+    A roll does not move the end-effector point, so the copies are solutions too, nearer to rest.
     """
     copies = solutions.copy()
-    copies[:, -1] = arm.rest_rad[-1]
+    if arm.ends_in_roll:
+        copies[:, -1] = arm.rest_rad[-1]
     return np.concatenate((copies, solutions))

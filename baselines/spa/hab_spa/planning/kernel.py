@@ -67,15 +67,17 @@ def kinematics(chain: Floats, poses: Floats, b: int, joints: Floats) -> None:
     spare = len(chain) + 1
     for j in range(len(chain)):
         _joined(joints, j, chain, j, joints, spare)
-        axis = int(chain[j, 12])
+        axis, slides = int(chain[j, 12]) % 3, chain[j, 12] > 2.0
         u, v = (axis + 1) % 3, (axis + 2) % 3
-        c, s = cos(poses[b, j]), sin(poses[b, j])
+        c, s = (1.0, 0.0) if slides else (cos(poses[b, j]), sin(poses[b, j]))
         for row in range(3):
             across, along = joints[spare, 3 * row + u], joints[spare, 3 * row + v]
             joints[j + 1, 3 * row + axis] = joints[spare, 3 * row + axis]
             joints[j + 1, 3 * row + u] = c * across + s * along
             joints[j + 1, 3 * row + v] = c * along - s * across
             joints[j + 1, 9 + row] = joints[spare, 9 + row]
+            if slides:
+                joints[j + 1, 9 + row] += poses[b, j] * joints[spare, 3 * row + axis]
 
 
 @inlined

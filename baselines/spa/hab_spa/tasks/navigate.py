@@ -22,7 +22,6 @@ from hab_spa.tasks.planned_skills import fold
 from hab_tasks.agent import AgentSetup, AgentSpec, TargetFrame
 from hab_tasks.constants import (
     NAVIGATE_HORIZON_STEPS,
-    REST_POSITION_M,
     REST_RADIUS_M,
     SKILL_HORIZON_STEPS,
 )
@@ -154,7 +153,7 @@ class Folding:
 def rests(robot: Robot) -> bool:
     """Returns whether the arm is at rest."""
     ee_m = robot.kinematics.ee_pose(robot.scene.arm_qpos)[:3, 3]
-    return bool(np.linalg.norm(ee_m - REST_POSITION_M) < REST_RADIUS_M)
+    return bool(np.linalg.norm(ee_m - robot.scene.robot.rest_position_m) < REST_RADIUS_M)
 
 
 def fold_arm(log: MotionLog[Robot]) -> Motion:

@@ -12,7 +12,7 @@ from hab_plans.motion import Motion
 from hab_plans.protocols import BasePose
 from hab_plans.stage import Stage
 
-from hab_spa.motion.moves import TUCKED_QPOS_RAD, go
+from hab_spa.motion.moves import go, tucked_rad
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
 from hab_spa.skills.drawer import close_drawer, drawer_base_poses, drawer_score, open_drawer
@@ -64,7 +64,7 @@ def choose(
         poses = poses[np.linalg.norm(poses[:, :2] - other.base[:2], axis=1) >= config.apart_m]
     few = spread(np.array_split(poses, 2)[0], config.base_poses)
     more = spread(poses, config.more_base_poses)
-    arms = (robot.scene.arm_qpos.copy(), np.array(TUCKED_QPOS_RAD))
+    arms = (robot.scene.arm_qpos.copy(), tucked_rad(robot.scene.robot))
     for (some, effort), arm_rad in product(((few, 1), (more, 1), (more, config.effort)), arms):
         best, highest = None, 0.0
         for pose, value in _scored(robot, score, some, arm_rad, effort):

@@ -10,7 +10,7 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
 from hab_spa.motion.follow import time_path
-from hab_spa.motion.moves import TUCKED_QPOS_RAD, draw_out, go, rest, wait
+from hab_spa.motion.moves import draw_out, go, rest, tucked_rad, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
 from hab_spa.skills.fridge.arc import DoorPath
@@ -223,7 +223,7 @@ class _Fridge:
     def _tuck(self) -> Motion:
         """Tucks the arm, which needs less room than the resting pose."""
         robot, config = self._robot, self._config
-        robot.doing, tucked = "fold", np.array(TUCKED_QPOS_RAD)[None]
+        robot.doing, tucked = "fold", tucked_rad(robot.scene.robot)[None]
         return (yield from go(robot, robot.scene.collision(), tucked, 0.0, plan=config.plan))
 
     def _choose(self, tries: int) -> SelectedBasePose | None:

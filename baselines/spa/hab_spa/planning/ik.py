@@ -74,7 +74,8 @@ class BatchArm:
         self._data = self._model.createData()
         self._axes = chain_of(robot)[:, 12].astype(int).tolist()
         self._placements = list(self._model.jointPlacements)[1:]
-        self._wrist_from_ee_m = self._model.frames[self._frame_id].placement.translation
+        wrist_from_ee = self._model.frames[self._frame_id].placement
+        self._wrist_from_ee_m, self._turn = wrist_from_ee.translation, wrist_from_ee.rotation
         aside_m = np.delete(self._wrist_from_ee_m, self._axes[-1] % 3)
         self.ends_in_roll = self._axes[-1] < 3 and bool(np.abs(aside_m).max() < 1e-6)
 
@@ -97,11 +98,11 @@ class BatchArm:
 
     def tilts_rad(self, qpos: Array, tool: Tool) -> Array:
         """Returns the tilts (B,) of a tool, for poses (B, J)."""
-        up = self._chain(qpos, tool.point_m)[3] @ tool.up
+        up = self._chain(qpos, tool.point_m)[3] @ (self._turn @ tool.up)
         return np.arccos(np.clip(up[:, 2], -1.0, 1.0))
 
     def _chain(self, qpos: Array, point_m: Array) -> tuple[Array, Array, Array, Array]:
-        """Returns a point's positions and Jacobians, the joints' axes and the rotations."""
+        """Returns a point's positions and Jacobians, the joints' axes and the wrist's rotations."""
         batch = len(qpos)
         rotation = np.broadcast_to(np.eye(3), (batch, 3, 3))
         position = np.zeros((batch, 3))
@@ -114,8 +115,7 @@ class BatchArm:
                 position = position + qpos[:, i, None] * axes[:, i]
             else:
                 rotation = _turned(rotation, axis, qpos[:, i])
-        # The end-effector's frame has the wrist's orientation.
-        position = position + rotation @ (self._wrist_from_ee_m + point_m)
+        position = position + rotation @ (self._wrist_from_ee_m + self._turn @ point_m)
         arms = position[:, None] - origins
         jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
         slides = np.array(self._axes) > 2
@@ -148,7 +148,7 @@ class BatchArm:
             reached[active] = done
             error *= np.minimum(1.0, config.step_m / np.maximum(distance, 1e-9))[:, None]
             if tool is not None:
-                turn = _righting(rotation @ tool.up)
+                turn = _righting(rotation @ (self._turn @ tool.up))
                 tilt_rad = np.linalg.norm(turn, axis=1)
                 done &= tilt_rad < tool.tilt_rad
                 turn *= np.minimum(1.0, tool.step_rad / np.maximum(tilt_rad, 1e-9))[:, None]
@@ -195,7 +195,7 @@ class BatchArm:
         weights[:, 3:] = turn_weights_m[:, None]
         for _ in range(steps):
             position, jacobian, axes, rotation = self._chain(qpos, np.zeros(3))
-            off = arm_from_ee[:, :3, :3] @ rotation.transpose(0, 2, 1)
+            off = arm_from_ee[:, :3, :3] @ self._turn.T @ rotation.transpose(0, 2, 1)
             turn = Rotation.from_matrix(off).as_rotvec()
             error = np.concatenate((arm_from_ee[:, :3, 3] - position, turn), axis=1)
             whole = np.concatenate((jacobian, axes), axis=1)
@@ -256,7 +256,7 @@ class CompiledArm(BatchArm):
         qpos, reached = np.array(qpos, dtype=np.float64), np.zeros(len(qpos))
         point_m, up, rest = np.zeros(3), np.zeros(3), (0.0, 0.0, 0.0)
         if tool is not None:
-            point_m, up = tool.point_m, tool.up
+            point_m, up = self._turn @ tool.point_m, self._turn @ tool.up
             rest = tool.tilt_weight_m, tool.tilt_rad, tool.step_rad
         settings = np.array((config.steps, config.damping, config.step_m, config.tolerance_m))
         row = np.array((*(self._wrist_from_ee_m + point_m), *up, *rest))
@@ -275,7 +275,9 @@ class CompiledArm(BatchArm):
         self, qpos: Array, arm_from_ee: Array, steps: int, turn_weights_m: Array
     ) -> Array:
         """See `BatchArm`."""
-        qpos, goals = np.array(qpos, dtype=np.float64), rows_of(arm_from_ee)
+        arm_from_wrist = arm_from_ee.copy()
+        arm_from_wrist[:, :3, :3] = arm_from_ee[:, :3, :3] @ self._turn.T
+        qpos, goals = np.array(qpos, dtype=np.float64), rows_of(arm_from_wrist)
         ee_m, weights_m = self._wrist_from_ee_m, np.ascontiguousarray(turn_weights_m)
         ik_kernel().track(*self._arm, ee_m, qpos, goals, weights_m, steps)
         return qpos

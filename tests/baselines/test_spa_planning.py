@@ -20,6 +20,7 @@ from hab_tasks.constants import GRASP_RADIUS_M
 from hab_tasks.errors import UnknownNameError
 from hab_tasks.robots.fetch import FETCH
 from hab_tasks.robots.kinematics import arm_model
+from hab_tasks.robots.panda_mobile import PANDA_MOBILE
 
 REST = np.array(FETCH.rest_qpos_rad)
 POSES = np.random.default_rng(0).uniform(FETCH.arm_lower_rad, FETCH.arm_upper_rad, (200, 7))
@@ -186,21 +187,32 @@ def test_rest_goals_near_a_blocked_rest_pose_bring_the_hand_near_rest(make_scene
 # Kinematics of the arm -------------------------------------------------------------------------
 
 
-def test_compiled_kinematics_agree_with_numpy():
-    numpy, compiled = BatchArm(FETCH), CompiledArm(FETCH)
-    targets_m = compiled.positions_m(POSES[::-1])
-    for tool in (None, Tool(point_m=np.array((0.1, 0.0, 0.02)), up=np.eye(3)[2])):
-        expected, reached = numpy.solve(POSES, targets_m, IkConfig(), tool)
-        poses, found = compiled.solve(POSES, targets_m, IkConfig(), tool)
+TOOL = Tool(point_m=np.array((0.1, 0.0, 0.02)), up=np.eye(3)[2])
+
+
+@pytest.mark.parametrize("robot", [FETCH, PANDA_MOBILE], ids=lambda robot: robot.uid)
+def test_compiled_kinematics_agree_with_numpy(robot):
+    numpy, compiled = BatchArm(robot), CompiledArm(robot)
+    starts = numpy.random(np.random.default_rng(0), 20)
+    targets_m = compiled.positions_m(starts[::-1])
+    for tool in (None, TOOL):
+        expected, reached = numpy.solve(starts, targets_m, IkConfig(), tool)
+        poses, found = compiled.solve(starts, targets_m, IkConfig(), tool)
         np.testing.assert_allclose(poses, expected, atol=1e-9)
         np.testing.assert_array_equal(found, reached)
 
 
-def test_batch_agrees_with_pinocchio():
-    model, frame_id = arm_model(FETCH)
-    data = model.createData()
-    positions, jacobians = BatchArm(FETCH).position_and_jacobian(POSES)
-    for pose, position, jacobian in zip(POSES, positions, jacobians, strict=True):
+@pytest.mark.parametrize("robot", [FETCH, PANDA_MOBILE], ids=lambda robot: robot.uid)
+def test_batch_agrees_with_pinocchio(robot):
+    model, frame_id = arm_model(robot)
+    data, arm = model.createData(), BatchArm(robot)
+    poses = arm.random(np.random.default_rng(0), 20)
+    positions, jacobians = arm.position_and_jacobian(poses)
+    points_m, tilts_rad = arm.points_m(poses, TOOL), arm.tilts_rad(poses, TOOL)
+    for i, pose in enumerate(poses):
         expected = pin.computeFrameJacobian(model, data, pose, frame_id, pin.LOCAL_WORLD_ALIGNED)
-        np.testing.assert_allclose(position, data.oMf[frame_id].translation, atol=1e-12)
-        np.testing.assert_allclose(jacobian, expected[:3], atol=1e-12)
+        ee = data.oMf[frame_id]
+        np.testing.assert_allclose(positions[i], ee.translation, atol=1e-12)
+        np.testing.assert_allclose(jacobians[i], expected[:3], atol=1e-12)
+        np.testing.assert_allclose(points_m[i], ee.act(TOOL.point_m), atol=1e-12)
+        np.testing.assert_allclose(np.cos(tilts_rad[i]), ee.rotation[2] @ TOOL.up, atol=1e-9)

@@ -36,6 +36,7 @@ def test_the_best_of_each_kind_is_chosen_among_rows():
         worse=agent("hab_ppo:pick_worse", 6, 10),
         there=agent("hab_ppo:pick_depth", 10, 10, scene_dataset="replicaCAD"),
         sensed=agent("hab_spa:spa", 8, 10),
+        other=agent("hab_spa:spa_priv", 10, 10, env_options={"robot": "panda_mobile"}),
         random=agent("hab_eval:random_agent", 10, 10),
     )
     where = "B.md#habpick-v1-apartment"
@@ -47,12 +48,12 @@ def test_the_best_of_each_kind_is_chosen_among_rows():
 
 
 def test_every_row_is_in_the_table():
-    new = agent("a:new", 4, 5, objects="ycb")
+    new = agent("a:new", 4, 5, objects="ycb", env_options={"robot": "r"})
     # 4 of 5: Wilson 37.6 to 96.4.
     (row,) = rows_table({"a.json": new}, "B.md").splitlines()[2:]
     assert row == (
-        "| HabPick-v1 | [new](B.md#habpick-v1-apartment-objects-ycb) | 80.0 [37.6, 96.4] | 5 "
-        "| apartment, ycb | val | 0.1.0 |"
+        "| HabPick-v1 | [new](B.md#habpick-v1-apartment-objects-ycb-changed-environment-robotr) | "
+        "80.0 [37.6, 96.4] | 5 | apartment, ycb; robot=r | val | 0.1.0 |"
     )
 
 

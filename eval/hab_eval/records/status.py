@@ -77,13 +77,14 @@ def rows_table(submissions: Mapping[str, RunRecord], leaderboard: str) -> str:
     for record in ranked:
         success = record.summary.success
         low, high = (100.0 * bound for bound in success.ci95)
+        changes = (f"{name}={value}" for name, value in record.env_options.items())
         lines.append(
             (
                 record.env,
                 f"[{markdown(short_label(record))}]({link(record, leaderboard)})",
                 f"{100.0 * success.mean:.1f} [{low:.1f}, {high:.1f}]",
                 str(success.n),
-                markdown(scenes_of(record)),
+                markdown("; ".join((scenes_of(record), *changes))),
                 markdown(record.split),
                 markdown(record.versions.get("hab-tasks", "?")),
             )
@@ -114,9 +115,9 @@ def _best(
 
 
 def _competes(record: RunRecord) -> bool:
-    """Whether a row is a result on the track with positions, and no reference."""
+    """Whether a row is a result on the paper's track, and no reference."""
     reference = record.agent.startswith(REFERENCES) and record.agent != REMOTE
-    return record.targets == "positions" and not reference
+    return record.targets == "positions" and not record.env_options and not reference
 
 
 def _goodness(record: RunRecord) -> tuple[bool, float, int]:

@@ -10,7 +10,7 @@ from typing import Any
 from xml.etree import ElementTree
 
 from hab_tasks.constants import CONTROL_HZ
-from hab_tasks.errors import DatasetError, UnknownNameError
+from hab_tasks.errors import DatasetError, OptionError, UnknownNameError
 
 Limits = tuple[float, ...]
 Point = tuple[float, float, float]
@@ -224,11 +224,14 @@ def robot_of(name: str) -> RobotSpec:
 
     Raises:
         UnknownNameError: No such robot is registered.
-        ModuleNotFoundError: There is no such module.
+        OptionError: The module cannot be imported.
     """
     module, _, name = name.rpartition(":") if isinstance(name, str) else ("", "", name)
     if module:
-        import_module(module)
+        try:
+            import_module(module)
+        except ImportError as error:
+            raise OptionError(f"robot {module}:{name}: {error}. Is it on PYTHONPATH?") from error
     found = _robots.get(name) or _robots.get(f"{PREFIX}{name}")
     if found is None:
         raise UnknownNameError("robot", name, [uid.removeprefix(PREFIX) for uid in _robots])

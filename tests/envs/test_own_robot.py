@@ -7,7 +7,8 @@ import pytest
 from hab_eval.cli import main
 from hab_eval.records.results import read_record
 
-from hab_tasks.errors import DatasetError
+from hab_tasks.errors import DatasetError, OptionError
+from hab_tasks.robots.spec import robot_of
 
 BOX = '<{part}><origin xyz="{at}"/><geometry><box size="{size}"/></geometry></{part}>'
 INERTIAL = '<inertial><mass value="{kg}"/><inertia {moments}/></inertial>'
@@ -123,6 +124,11 @@ def test_a_planner_picks_with_it_in_other_processes(robot):
     assert main(command.split()) == 0
     record = read_record(out / "run.json")
     assert sum(one.success for one in record.episodes) >= 3
+
+
+def test_a_missing_module_is_named():
+    with pytest.raises(OptionError, match="robot nothing_here:tele: No module named"):
+        robot_of("nothing_here:tele")
 
 
 def test_a_missing_link_is_named(robot):

@@ -273,10 +273,16 @@ JOINTS = tuple(f"JointModel{kind}{axis}" for kind in "RP" for axis in "XYZ")
 
 @cache
 def chain_of(robot: RobotSpec) -> Array:
-    """Returns the joints (J, 13) of the arm: placements and axes; made once, do not modify."""
+    """Returns the joints (J, 13) of the arm: placements and axes; made once, do not modify.
+
+    Raises:
+        ValueError: A joint has another axis than x, y or z.
+    """
     rows, (model, _) = [], arm_model(robot)
-    # Pinocchio's first joint is the world.
-    for joint, placement in list(zip(model.joints, model.jointPlacements, strict=True))[1:]:
+    joints = zip(model.names, model.joints, model.jointPlacements, strict=True)
+    for name, joint, placement in list(joints)[1:]:  # Pinocchio's first joint is the world
+        if joint.shortname() not in JOINTS:
+            raise ValueError(f"{robot.uid}: planners need x, y or z as the axis of joint {name}.")
         axis = JOINTS.index(joint.shortname())
         rows.append((*placement.rotation.ravel(), *placement.translation, axis))
     return np.array(rows)

@@ -13,10 +13,11 @@ from hab_plans.protocols import BasePose, NavigationRequest
 from hab_plans.stage import stage_of
 from hab_spa.agents.agent import driven
 from hab_spa.motion.drive import DriveConfig, angle, drive_to
+from hab_spa.motion.moves import tucked_rad
 from hab_spa.motion.robot import Robot, SpaConfig
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import OracleNavigator, PolicyNavigator, navigator_of, observation
-from hab_spa.tasks.planned_skills import TUCKED_QPOS_RAD, fold
+from hab_spa.tasks.planned_skills import fold
 
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec
 from hab_tasks.arrays import to_tensor
@@ -105,7 +106,7 @@ def test_perfect_navigation_is_the_oracles_way_in_base_poses(started):
 
 def test_the_folded_arm_stays_over_the_base_and_a_robot_folds_it_first(started):
     env, robot, run = started("HabTidyHouse-v1", "joint_target_base")
-    folded = np.array(TUCKED_QPOS_RAD)
+    folded = tucked_rad(FETCH)
     assert run(fold(robot, BasePose(base=robot.base, arm_rad=folded)), joint_targets) is None
     np.testing.assert_allclose(robot.scene.arm_qpos, folded, atol=0.05)
     # Navigation takes the robot for a disc of 0.3 m; what the hand holds may stick out a little.

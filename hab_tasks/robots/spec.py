@@ -73,7 +73,8 @@ class RobotSpec:
             of links that are not checked for collision.
         arm_joints: The controlled arm joints, from the shoulder on.
         arm_links: Their child links, in the same order.
-        arm_lower_rad: Lower limits; continuous joints are limited to one turn.
+        arm_lower_rad: Lower limits, in m for sliding joints; continuous joints are limited to one
+            turn.
         arm_upper_rad: Upper limits.
         elbow_joint: The one of them from which on the arm extends beyond the base.
         shoulder_m: About where the arm begins, in the base frame.

@@ -193,7 +193,7 @@ TOOL = Tool(point_m=np.array((0.1, 0.0, 0.02)), up=np.eye(3)[2])
 @pytest.mark.parametrize("robot", [FETCH, PANDA_MOBILE], ids=lambda robot: robot.uid)
 def test_compiled_kinematics_agree_with_numpy(robot):
     numpy, compiled = BatchArm(robot), CompiledArm(robot)
-    starts = numpy.random(np.random.default_rng(0), 20)
+    starts = numpy.random(np.random.default_rng(0), 200)
     targets_m = compiled.positions_m(starts[::-1])
     for tool in (None, TOOL):
         expected, reached = numpy.solve(starts, targets_m, IkConfig(), tool)
@@ -206,7 +206,7 @@ def test_compiled_kinematics_agree_with_numpy(robot):
 def test_batch_agrees_with_pinocchio(robot):
     model, frame_id = arm_model(robot)
     data, arm = model.createData(), BatchArm(robot)
-    poses = arm.random(np.random.default_rng(0), 20)
+    poses = arm.random(np.random.default_rng(0), 200)
     positions, jacobians = arm.position_and_jacobian(poses)
     points_m, tilts_rad = arm.points_m(poses, TOOL), arm.tilts_rad(poses, TOOL)
     for i, pose in enumerate(poses):

@@ -1,6 +1,6 @@
 """A robot of a user: a telescopic arm of boxes, in a URDF and a module, played by a planner."""
 
-import sys
+from dataclasses import replace
 
 import gymnasium as gym
 import pytest
@@ -105,20 +105,21 @@ def urdf():
     return f'<robot name="tele">{"".join(parts)}</robot>'
 
 
-@pytest.fixture
-def robot(tmp_path, monkeypatch):
-    """A robot in two files, and the options that select it."""
-    (tmp_path / "tele.urdf").write_text(urdf())
-    (tmp_path / "tele.py").write_text(MODULE)
-    monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    yield tmp_path
-    sys.modules.pop("tele", None)
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A folder with a robot in two files, which processes find."""
+    folder = tmp_path_factory.mktemp("tele")
+    (folder / "tele.urdf").write_text(urdf())
+    (folder / "tele.py").write_text(MODULE)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(folder)
+        patch.setenv("PYTHONPATH", str(folder))
+        yield folder
 
 
 @pytest.mark.slow
-def test_a_planner_picks_with_it_in_other_processes(robot):
-    out = robot / "run"
+def test_a_planner_picks_with_it_in_other_processes(folder):
+    out = folder / "run"
     command = "run --agent hab_spa:spa_priv --option planner=batched --env HabPick-v1 --split val"
     command += f" --episodes 4 --workers 2 --env-option robot=tele:tele --out {out}"
     assert main(command.split()) == 0
@@ -126,12 +127,27 @@ def test_a_planner_picks_with_it_in_other_processes(robot):
     assert sum(one.success for one in record.episodes) >= 3
 
 
+@pytest.mark.slow
+@pytest.mark.usefixtures("folder")
+def test_it_has_its_own_rest_position_camera_and_starts():
+    options = {"obs_mode": "depth", "cameras": ["head"], "split": "val", "num_episodes": 3}
+    env = gym.make("HabPick-v1", robot="tele:tele", **options)
+    for index in range(3):
+        obs, _ = env.reset(seed=0, options={"episode": index})
+        assert obs["sensor_data"]["head"]["depth"].float().std() > 0.01
+        assert obs["agent"]["rest_from_ee"].abs().max() < 0.06  # S H.2: noise of 5 cm
+        rest_m = obs["agent"]["ee_position"] + obs["agent"]["rest_from_ee"]
+        assert rest_m[0].tolist() == pytest.approx([0.6, 0.0, 0.9], abs=1e-5)
+    env.close()
+
+
 def test_a_missing_module_is_named():
     with pytest.raises(OptionError, match="robot nothing_here:tele: No module named"):
         robot_of("nothing_here:tele")
 
 
-def test_a_missing_link_is_named(robot):
-    (robot / "tele.urdf").write_text(urdf().replace('"hand_link"', '"palm_link"'))
-    with pytest.raises(DatasetError, match=r"tele\.urdf: Unknown link 'hand_link'\."):
-        gym.make("HabPick-v1", robot="tele:tele")
+def test_a_missing_link_is_named(folder):
+    file = folder / "other.urdf"
+    file.write_text(urdf().replace('"hand_link"', '"palm_link"'))
+    with pytest.raises(DatasetError, match=r"other\.urdf: Unknown link 'hand_link'\."):
+        replace(robot_of("tele:tele"), urdf=str(file)).urdf_tree()

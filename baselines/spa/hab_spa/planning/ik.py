@@ -72,7 +72,8 @@ class BatchArm:
         self.rest_rad = np.array(robot.rest_qpos_rad)
         self._model, self._frame_id = arm_model(robot)
         self._data = self._model.createData()
-        self._axes = chain_of(robot)[:, 12].astype(int).tolist()
+        axes = chain_of(robot)[:, 12].astype(int)
+        self._axes, self._slides = axes.tolist(), axes > 2
         self._placements = list(self._model.jointPlacements)[1:]
         wrist_from_ee = self._model.frames[self._frame_id].placement
         self._wrist_from_ee_m, self._turn = wrist_from_ee.translation, wrist_from_ee.rotation
@@ -118,8 +119,8 @@ class BatchArm:
         position = position + rotation @ (self._wrist_from_ee_m + self._turn @ point_m)
         arms = position[:, None] - origins
         jacobian = np.cross(axes, arms).astype(np.float64, copy=False)
-        slides = np.array(self._axes) > 2
-        jacobian[:, slides], axes[:, slides] = axes[:, slides], 0.0
+        if self._slides.any():
+            jacobian[:, self._slides], axes[:, self._slides] = axes[:, self._slides], 0.0
         return position, jacobian.transpose(0, 2, 1), axes.transpose(0, 2, 1), rotation
 
     def solve(

@@ -130,7 +130,8 @@ def run_study(study: Study, options: StudyCommand) -> None:
 
 
 def trainings_of(study: Study, scale: str, work: Path, command: str) -> list[Training]:
-    """Returns the trainings of a study."""
+    """Returns the trainings of a study; those of one seed run beside each other."""
+    most = max(arm.budgets[scale].seeds for arm in study.arms)
     return [
         Training(
             name=f"{arm.slug}_seed{seed}",
@@ -139,8 +140,9 @@ def trainings_of(study: Study, scale: str, work: Path, command: str) -> list[Tra
             out=work / f"{arm.slug}_seed{seed}",
             command=command,
         )
+        for seed in range(most)
         for arm in study.arms
-        for seed in range(arm.budgets[scale].seeds)
+        if seed < arm.budgets[scale].seeds
     ]
 
 

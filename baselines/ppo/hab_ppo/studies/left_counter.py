@@ -119,7 +119,7 @@ ACTIONS = Study(
             name=mode,
             # The expert's actions are those of the end-effector.
             recipe=replace(BLIND, distill=None, env=replace(BLIND.env, control_mode=mode)),
-            budgets={"quick": QUICK, "full": Budget(steps=1_000_000, seeds=3, evaluations=20)},
+            budgets={"quick": QUICK, "full": Budget(steps=500_000, seeds=3, episodes=300)},
         )
         for mode in ("ee", "joint_delta")
     ),

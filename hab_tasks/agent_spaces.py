@@ -7,6 +7,7 @@ compares both, and the cameras, for every registered environment.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,11 +38,21 @@ TEXTURES: dict[str, tuple[int, type[np.generic]]] = {
 
 
 def agent_setup(
-    env_id: str, *, seed: int = 0, options: Mapping[str, str] | None = None, device: str = "cpu"
+    env_id: str,
+    *,
+    seed: int = 0,
+    options: Mapping[str, str] | None = None,
+    device: str = "cpu",
+    robot: str | None = None,
 ) -> AgentSetup:
     """Returns the setup passed to an agent's factory; the id may have a prefix ``hab_tasks:``."""
     return AgentSetup(
-        env_id=env_id, seed=seed, options=dict(options or {}), device=device, spaces_of=agent_spaces
+        env_id=env_id,
+        seed=seed,
+        options=dict(options or {}),
+        device=device,
+        robot=robot,
+        spaces_of=partial(agent_spaces, robot=robot),
     )
 
 

@@ -223,9 +223,9 @@ def install() -> Callable[[], None]:
         "load_episode_set": load_episode_set,
         "make_env": lambda config, spec, *, split, render: StubEnv(render=render),
         "instruction_of": lambda env_id, episode: f"Be like {episode.id}.",
-        "action_size": lambda env_id, control_mode: 2,
+        "action_size": lambda env_id, control_mode, robot: 2,
         "continuous_control": lambda env_id: "ee",
-        "gripper_entry": lambda env_id, control_mode: 1,
+        "gripper_entry": lambda env_id, control_mode, robot: 1,
     }
     before = {name: getattr(environments, name) for name in replaced}
     vars(environments).update(replaced)

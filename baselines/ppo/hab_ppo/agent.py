@@ -21,6 +21,7 @@ from hab_ppo.rows import binary_entries
 from hab_tasks.agent import AgentReport, AgentSetup, AgentSpec, check_options
 from hab_tasks.io.threads import use_one_thread
 from hab_tasks.registration import imported_id
+from hab_tasks.robots import DEFAULT_ROBOT
 from hab_tasks.typed_values import read_value
 
 WEIGHTS = Path(__file__).parent / "weights"
@@ -47,13 +48,16 @@ def load_policy(setup: AgentSetup, path: Path, env_id: str | None = None) -> Loa
         env_id: The environment that it must be of, if any; another's module is not imported.
 
     Raises:
-        PolicyFileError: The file cannot be used, or is of another environment.
+        PolicyFileError: The file cannot be used, or is of another environment or robot.
     """
     tensors, about = checkpoint.load(path)
     recipe = recipe_of(about, path)
     trained_in = recipe.env.reference.rpartition(":")[2]
     if env_id is not None and trained_in != env_id.rpartition(":")[2]:
         raise PolicyFileError(f"{path} was trained in {trained_in}, not {env_id}.")
+    own, asked = recipe.env.robot_reference, setup.robot or DEFAULT_ROBOT.uid
+    if own != asked:
+        raise PolicyFileError(f"{path} was trained with the robot {own}, not {asked}.")
     spaces = setup.spaces_of(imported_id(recipe.env.reference), spec_of(recipe))
     network = recipe.preset.network
     layout = ObservationLayout.of(spaces.observation, network.image_block_px)

@@ -24,7 +24,7 @@ from hab_tasks.typed_values import to_json
 KIND = "demonstrations"
 
 SAME = (
-    *("control_mode", "obs_mode", "target_frame", "handle_position"),
+    *("robot", "control_mode", "obs_mode", "target_frame", "handle_position"),
     *("scene_dataset", "objects", "split", "episode_seed"),
 )
 """Entries of `EnvConfig` in which demonstrations and a recipe have to agree, beside the id."""

@@ -77,6 +77,7 @@ class DemonstrationPlan:
             objects=env.objects,
             split=env.split,
             seed=env.episode_seed,
+            env_options={"robot": env.robot} if env.robot else {},
         )
 
 
@@ -208,7 +209,9 @@ class Studio:
         self._stage = environments.make_env(
             config, spec, split=recipe.env.split, render=False, num_episodes=most
         )
-        entry = environments.gripper_entry(imported_id(config.env), spec.control_mode)
+        entry = environments.gripper_entry(
+            imported_id(config.env), spec.control_mode, recipe.env.robot
+        )
         self._path = _PathRecorder(entry)
         self._env: Any = gym.make(recipe.env.reference, num_envs=1, **recipe.env.options())
         self._drives = recipe.env.control_mode == DRIVING_MODE
@@ -304,7 +307,8 @@ def _version(path: list[Stretch], replays: int, drawn: np.random.Generator) -> l
 
 
 def _setup(plan: DemonstrationPlan) -> AgentSetup:
-    return agent_setup(plan.recipe.env.reference, seed=plan.recipe.env.episode_seed)
+    env = plan.recipe.env
+    return agent_setup(env.reference, seed=env.episode_seed, robot=env.robot_reference)
 
 
 def _listed(failures: Counter[str]) -> str:

@@ -124,7 +124,7 @@ def load_teacher(path: Path, env: EnvConfig) -> LoadedPolicy:
         PolicyFileError: The file cannot be used.
         RecipeError: The teacher acts in another environment.
     """
-    teacher = load_policy(agent_setup(env.reference), path)
+    teacher = load_policy(agent_setup(env.reference, robot=env.robot_reference), path)
     recipe = teacher.recipe
     if imported_id(recipe.env.reference) != imported_id(env.reference):
         raise RecipeError(f"The teacher {path} acts in {recipe.env.env}, not {env.env}.")

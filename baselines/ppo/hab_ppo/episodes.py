@@ -111,4 +111,5 @@ def _request(recipe: Recipe, env_id: str, split: str) -> EpisodeRequest:
         objects=env.objects,
         split=split,
         seed=env.episode_seed,
+        robot=env.robot_reference,
     )

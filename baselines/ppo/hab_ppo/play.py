@@ -72,6 +72,7 @@ def play(
         objects=config.objects,
         split=split,
         seed=seed,
+        robot=config.robot_reference,
     )
     wanted = load_episodes(request, episodes, None, workers).episodes
     env = policy_rows(

@@ -10,6 +10,8 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Any, TypeVar
 
 from hab_tasks.errors import HabError
+from hab_tasks.robots import DEFAULT_ROBOT
+from hab_tasks.robots.spec import robot_of, robot_reference
 
 T = TypeVar("T")
 
@@ -33,6 +35,7 @@ class EnvConfig:
         trained_in: Environment of the training, if it is another one: the same skill from other
             start states, such as those of `hab_ppo.fridge_starts`. Evaluations are in `env`.
         control_mode: Control mode of the robot.
+        robot: Name of the robot, or ``module:uid`` of one of your own; None for Fetch.
         obs_mode: ``state_dict`` for a blind policy; ``depth``, ``rgb`` or ``rgb+depth``.
         target_frame: Frame of the observed target, ``base`` or ``ee``.
         handle_position: Whether the handle of a door or drawer is observed.
@@ -52,6 +55,7 @@ class EnvConfig:
 
     env: str
     control_mode: str
+    robot: str | None = None
     trained_in: str | None = None
     obs_mode: str = "state_dict"
     target_frame: str = "base"
@@ -77,6 +81,11 @@ class EnvConfig:
     def training_reference(self) -> str:
         """The environment of the training, likewise."""
         return self.trained_in or self.reference
+
+    @property
+    def robot_reference(self) -> str:
+        """The robot's `robot_reference`."""
+        return robot_reference(robot_of(self.robot or DEFAULT_ROBOT.uid))
 
     def options(self) -> dict[str, Any]:
         """Returns the options of the single environment."""

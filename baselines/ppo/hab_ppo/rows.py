@@ -38,7 +38,8 @@ def binary_entries(recipe: Recipe) -> tuple[int, ...]:
     """Returns the indices of the binary entries of the action: the gripper's, or none."""
     if recipe.preset.network.gripper_persistence is None:
         return ()
-    entry = gripper_entry(imported_id(recipe.env.reference), recipe.env.control_mode)
+    env = recipe.env
+    entry = gripper_entry(imported_id(env.reference), env.control_mode, env.robot)
     return () if entry is None else (entry,)
 
 

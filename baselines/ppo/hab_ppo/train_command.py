@@ -69,6 +69,8 @@ class TrainCommand(Command):
     """Episodes of an evaluation, instead of the recipe's."""
     evaluation_split: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
     """Split of the evaluations, where a dataset has no val."""
+    robot: Annotated[str | None, tyro.conf.arg(metavar="NAME")] = None
+    """Another robot: fetch, fetch_friction, panda_mobile, or `module:uid` for your own."""
     scene_dataset: Annotated[str | None, tyro.conf.arg(metavar="NAME|PATH")] = None
     """`apartment` (included), or a ReplicaCAD folder, instead of the recipe's."""
     objects: Annotated[str | None, tyro.conf.arg(metavar="PATH")] = None
@@ -132,6 +134,7 @@ class TrainCommand(Command):
             preset=preset,
             env=changed(
                 recipe.env,
+                robot=self.robot,
                 num_episodes=self.episodes,
                 scene_dataset=self.scene_dataset,
                 objects=self.objects,

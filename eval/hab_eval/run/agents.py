@@ -50,7 +50,7 @@ class RandomAgent:
         check_options(setup, {})
         control_mode = environments.continuous_control(setup.env_id)
         self.spec = AgentSpec(name="Random", control_mode=control_mode)
-        self._size = environments.action_size(setup.env_id, control_mode)
+        self._size = environments.action_size(setup.env_id, control_mode, setup.robot)
         self._generators: list[torch.Generator] = []
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
@@ -78,8 +78,9 @@ class StandingAgent:
         control_mode = environments.continuous_control(setup.env_id)
         self.spec = AgentSpec(name=NAMES[hand], control_mode=control_mode)
         self._hand = hand
-        self._still = torch.zeros(1, environments.action_size(setup.env_id, control_mode))
-        self._entry = environments.gripper_entry(setup.env_id, control_mode)
+        size = environments.action_size(setup.env_id, control_mode, setup.robot)
+        self._still = torch.zeros(1, size)
+        self._entry = environments.gripper_entry(setup.env_id, control_mode, setup.robot)
 
     def reset(self, mask: Tensor, seeds: Sequence[int]) -> None:
         """Sets the number of rows; the agent has no other state."""

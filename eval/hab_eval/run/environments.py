@@ -20,6 +20,7 @@ from hab_tasks.captions import LEGEND
 from hab_tasks.errors import OptionError, UnknownNameError
 from hab_tasks.registration import ENTRY_POINTS, imported_id, reference_of
 from hab_tasks.robots import DEFAULT_ROBOT
+from hab_tasks.robots.spec import robot_of
 
 if TYPE_CHECKING:
     from hab_tasks.episodes import Episode, EpisodeSet
@@ -185,17 +186,18 @@ def continuous_control(env_id: str) -> str:
     return next(mode for mode in modes if not mode.endswith("_discrete"))
 
 
-def action_size(env_id: str, control_mode: str) -> int:
-    """Returns the number of action entries of a control mode."""
-    return _control(env_id, control_mode).size
+def action_size(env_id: str, control_mode: str, robot: str | None = None) -> int:
+    """Returns the number of action entries of a control mode; `robot` as in `AgentSetup`."""
+    return _control(env_id, control_mode, robot).size
 
 
-def gripper_entry(env_id: str, control_mode: str) -> int | None:
+def gripper_entry(env_id: str, control_mode: str, robot: str | None = None) -> int | None:
     """Returns the index of the gripper's action entry; None for modes without arm."""
-    return _control(env_id, control_mode).arm_size or None
+    return _control(env_id, control_mode, robot).arm_size or None
 
 
-def _control(env_id: str, control_mode: str) -> HabControllerConfig:
+def _control(env_id: str, control_mode: str, robot: str | None) -> HabControllerConfig:
     from hab_tasks.robots.control import control_configs  # loads the simulator
 
-    return control_configs(hab_tasks.ENVS[env_id].env.robot)[control_mode]
+    own = hab_tasks.ENVS[env_id].env.robot if robot is None else robot_of(robot)
+    return control_configs(own)[control_mode]

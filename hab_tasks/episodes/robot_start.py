@@ -165,7 +165,7 @@ class RobotStarts:
                 reason = "robot too close to something at its start"
             elif self._hand_too_near(base, arm):
                 reason = "no place has the hand off its target"
-            elif end_m is not None and not in_workspace(self._kinematics.robot, base, end_m):
+            elif end_m is not None and not self._leads_to(base, end_m):
                 reason = "the handle would have to leave the workspace"
             elif not reach or self.reaches(base, facing_m):
                 return self._start(base, arm)
@@ -249,6 +249,16 @@ class RobotStarts:
             if arm is not None and not self._sandbox.robot_touches(base, arm):
                 return True
         return False
+
+    def _leads_to(self, base: Base, end_m: Array) -> bool:
+        """Whether the hand can bring a handle to a point (3,)."""
+        robot, local = self._kinematics.robot, in_base_frame(base, end_m)
+        if robot.fingers is None or not in_workspace(robot, base, end_m):
+            return in_workspace(robot, base, end_m)
+        # The workspace is that of the snap grasp's point, which is beyond the fingers.
+        limits = robot.arm_lower_rad, robot.arm_upper_rad
+        starts = (self._rng.uniform(*limits) for _ in range(self.noise.reach_tries))
+        return any(self._solve(start, local) is not None for start in starts)
 
     def _hand_too_near(self, base: Base, arm: Array) -> bool:
         near = self._keep_off.meets(ee_in_world(self._kinematics, base, arm))

@@ -61,9 +61,10 @@ def test_agents_are_set_up_for_it():
 
 
 @slow
-def test_a_planner_picks_with_two_fingers(tmp_path):
+@pytest.mark.parametrize("env", ["HabPick-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1"])
+def test_a_planner_picks_and_moves_drawers_with_two_fingers(tmp_path, env):
     out = tmp_path / "run"
-    command = "run --agent hab_spa:spa_priv --option planner=batched --env HabPick-v1 --split val"
+    command = f"run --agent hab_spa:spa_priv --option planner=batched --env {env} --split val"
     options = "--seed 11 --episodes 3 --env-option grasp=friction --workers 1 --out"
     assert main([*command.split(), *options.split(), str(out)]) == 0
     record = read_record(out / "run.json")

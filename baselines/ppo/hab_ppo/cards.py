@@ -99,10 +99,11 @@ def _facts(recipe: Recipe, path: Path) -> list[str]:
     env = recipe.env
     options = [f"`{env.obs_mode}`", f"`target_frame={env.target_frame}`"]
     options += ["`handle_position=True`"] if env.handle_position else []
+    robot = f" --env-option robot={env.robot}" if env.robot else ""
     size = path.stat().st_size / 1e6
     file = Path(str(RECIPE_FILES[recipe.name].__file__)).name
     return [
-        f"- Run: `hab-eval run --agent hab_ppo:{recipe.name} --env {env.env} --out DIR`",
+        f"- Run: `hab-eval run --agent hab_ppo:{recipe.name} --env {env.env}{robot} --out DIR`",
         f"- Observes {', '.join(options)}; acts in `{env.control_mode}`",
         f"- Recipe: [`{recipe.name}`](../recipes/{file}); weights: {size:.1f} MB",
     ]

@@ -71,6 +71,14 @@ PICK_DISTILLED = Recipe(
     distill=Distillation(expert="pick_action"),
 )
 
+PICK_PANDA = replace(
+    PICK_DISTILLED,
+    name="pick_panda",
+    about="Blind Pick of the mobile Panda, distilled from an expert and fine-tuned.",
+    env=replace(PICK_DISTILLED.env, robot="panda_mobile"),
+    total_steps=240_000,
+)
+
 # Two of the three tasks pick from the fridge: `pick_distilled` solves 38 of 82 test episodes there,
 # 404 of 418 elsewhere.
 PICK_FRIDGE = replace(

@@ -26,6 +26,7 @@ from hab_spa.scenes.seen_scene import SeenScene
 from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
+from hab_spa.skills.friction_drawer import close_drawer_by_friction, open_drawer_by_friction
 from hab_spa.skills.friction_pick import pick_by_friction
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
@@ -60,6 +61,8 @@ SKILLS: dict[str, Behaviour] = {
 FRICTION_SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick_by_friction(robot, 0),
     "HabPlace-v1": lambda robot: place(robot, 0),
+    "HabOpenDrawer-v1": lambda robot: open_drawer_by_friction(robot, 0),
+    "HabCloseDrawer-v1": lambda robot: close_drawer_by_friction(robot, 0),
 }
 """Likewise, with fingers that grasp by friction."""
 

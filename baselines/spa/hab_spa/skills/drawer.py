@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -72,12 +73,12 @@ def open_drawer(robot: Robot, number: int, config: DrawerConfig | None = None) -
         number: Number of the drawer among the episode's articulations.
         config: Parameters.
     """
-    return (yield from _slide(robot, number, True, config or DrawerConfig()))
+    return (yield from slide(robot, number, True, config or DrawerConfig()))
 
 
 def close_drawer(robot: Robot, number: int, config: DrawerConfig | None = None) -> Motion:
     """Grasps the handle, pushes the drawer closed, releases it and rests; see `open_drawer`."""
-    return (yield from _slide(robot, number, False, config or DrawerConfig()))
+    return (yield from slide(robot, number, False, config or DrawerConfig()))
 
 
 def drawer_score(
@@ -96,12 +97,12 @@ def drawer_score(
         config: Parameters.
     """
     config, articulation = config or DrawerConfig(), robot.scene.articulation(number)
-    travel_m = _travel_m(articulation, out, config)
-    lines = HandleLines(robot, articulation, travel_m, config.scoring, base).find(seed=0)
+    way_m = travel_m(articulation, out, config)
+    lines = HandleLines(robot, articulation, way_m, config.scoring, base).find(seed=0)
     complete = sum(found.missing_m <= config.scoring.slack_m for found in lines)
     if complete or not lines:
         return complete + (MAX_SCORE // 2 if complete else 0)
-    share = 1.0 - min(found.missing_m for found in lines) / abs(travel_m)
+    share = 1.0 - min(found.missing_m for found in lines) / abs(way_m)
     return int(share * MAX_SCORE / 2)
 
 
@@ -129,13 +130,27 @@ def drawer_base_poses(
     return np.array(poses).reshape(-1, 3)
 
 
-def _slide(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
-    """Moves a drawer, with several grasps if one does not move it all the way."""
+def slide(
+    robot: Robot,
+    number: int,
+    out: bool,
+    config: DrawerConfig,
+    move: Callable[[Robot, int, bool, DrawerConfig], Motion] | None = None,
+) -> Motion:
+    """Moves a drawer, with several grasps if one does not move it all the way.
+
+    Args:
+        robot: The robot.
+        number: Number of the drawer.
+        out: Whether to open it.
+        config: Parameters.
+        move: Moves it with one grasp; None for the snap grasp.
+    """
     scene, failure, began = robot.scene, None, robot.steps
     for _ in range(config.rounds):
         if _is_done(scene.articulation(number), out, config.spare_m):
             break
-        failure = yield from _move(robot, number, out, config)
+        failure = yield from (move or _move)(robot, number, out, config)
         if failure is Failure.TARGET_PLAN:
             break
     if failure is not None and robot.steps == began:
@@ -156,7 +171,7 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     if scene.holding:
         return Failure.TARGET_PLAN
     began = time.perf_counter()
-    hand = HandleLines(robot, articulation, _travel_m(articulation, out, config), config.line)
+    hand = HandleLines(robot, articulation, travel_m(articulation, out, config), config.line)
     lines = hand.find(robot.next_seed())
     robot.spend("target", time.perf_counter() - began)
     if not lines:
@@ -202,7 +217,7 @@ def _grasp(robot: Robot, number: int, config: DrawerConfig) -> Motion:
     return Failure.EXECUTION
 
 
-def _travel_m(articulation: ArticulationState, out: bool, config: DrawerConfig) -> float:
+def travel_m(articulation: ArticulationState, out: bool, config: DrawerConfig) -> float:
     """Returns the remaining travel of a drawer along its axis [m]."""
     lower, upper = articulation.limits
     share = config.open_share if out else 1.0 - config.open_share

@@ -27,6 +27,7 @@ from hab_spa.scenes.seen_shelves import SeenShelves
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.skills.drawer import DrawerConfig, close_drawer, open_drawer
 from hab_spa.skills.friction_drawer import close_drawer_by_friction, open_drawer_by_friction
+from hab_spa.skills.friction_fridge import close_fridge_by_friction, open_fridge_by_friction
 from hab_spa.skills.friction_pick import pick_by_friction
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, open_fridge
@@ -61,6 +62,8 @@ SKILLS: dict[str, Behaviour] = {
 FRICTION_SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick_by_friction(robot, 0),
     "HabPlace-v1": lambda robot: place(robot, 0),
+    "HabOpenFridge-v1": lambda robot: open_fridge_by_friction(robot, 0),
+    "HabCloseFridge-v1": lambda robot: close_fridge_by_friction(robot, 0),
     "HabOpenDrawer-v1": lambda robot: open_drawer_by_friction(robot, 0),
     "HabCloseDrawer-v1": lambda robot: close_drawer_by_friction(robot, 0),
 }

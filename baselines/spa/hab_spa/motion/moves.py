@@ -103,6 +103,7 @@ def go(
     intact: Callable[[], bool] = lambda: True,
     near_rad: float | None = None,
     plan: PlanConfig | None = None,
+    timing: TimingConfig | None = None,
 ) -> Motion:
     """Plans a path from the current arm pose to a goal (G, J), best first, and follows it.
 
@@ -112,7 +113,7 @@ def go(
     result = robot.plan(goals, collision, plan)
     if result.path is None:
         return result.failure
-    return (yield from follow(robot, result.path, share, intact, near_rad=near_rad))
+    return (yield from follow(robot, result.path, share, intact, timing, near_rad))
 
 
 def tucked_rad(robot: RobotSpec) -> Array:

@@ -298,7 +298,9 @@ class PoseTable:
         self._poses = arm.random(np.random.default_rng(0), count)
         self._tree = KDTree(arm.positions_m(self._poses))
 
-    def near(self, points_m: Array, count: int, rng: np.random.Generator) -> tuple[Array, Array]:
+    def near(
+        self, points_m: Array, count: int, rng: np.random.Generator
+    ) -> tuple[Array, NDArray[np.int64]]:
         """Returns about half of the `count` poses nearest to each point, chosen at random.
 
         Args:
@@ -307,11 +309,11 @@ class PoseTable:
             rng: Chooses.
 
         Returns:
-            The poses (B, J), and the point of each (B, 3).
+            The poses (B, J), and the index of the point of each (B,).
         """
         found = self._tree.query(points_m, k=count)[1].ravel()
         chosen = np.flatnonzero(rng.random(len(found)) < 0.5)
-        return self._poses[found[chosen]], points_m[chosen // count]
+        return self._poses[found[chosen]], chosen // count
 
 
 @cache

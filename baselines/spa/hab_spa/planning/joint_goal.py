@@ -287,7 +287,8 @@ def _seeded_goals(
         points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
     count = config.seeded_starts // len(points_m)
     # The table is the same for every seed, but another attempt needs other starts.
-    starts, targets_m = arm.starts.near(in_arm(points_m, collision), count, rng)
+    starts, numbers = arm.starts.near(in_arm(points_m, collision), count, rng)
+    targets_m = in_arm(points_m, collision)[numbers]
     # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
     found = roomy = np.zeros((0, len(arm.rest_rad)))

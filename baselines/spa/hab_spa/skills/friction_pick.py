@@ -147,9 +147,8 @@ def grasp_poses(
     """Returns arm poses (B, J) with the end-effector at one of its poses (G, 4, 4)."""
     count = len(arm_from_ee)
     if isinstance(arm, CompiledArm):
-        near, points_m = arm.starts.near(arm_from_ee[:, :3, 3], 2 * config.starts, rng)
-        order = np.linalg.norm(arm_from_ee[None, :, :3, 3] - points_m[:, None], axis=2)
-        starts, goals = near, arm_from_ee[order.argmin(axis=1)]
+        starts, numbers = arm.starts.near(arm_from_ee[:, :3, 3], 2 * config.starts, rng)
+        goals = arm_from_ee[numbers]
     else:
         starts = arm.random(rng, config.starts * count)
         goals = np.repeat(arm_from_ee, config.starts, axis=0)

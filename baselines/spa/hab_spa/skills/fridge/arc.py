@@ -37,6 +37,8 @@ class ArcConfig:
         again_steps: Cost of another grasp [steps], constant and per radian of remaining rotation.
         behind_rad: Lag of an opening door behind a hand at its edge or behind it: the handle is
             drawn in until the fingers touch the door's other side.
+        draws_in: Whether the grasp draws the handle to a hand in front of it, as the snap grasp
+            does; else the hand keeps its place at the handle.
         before_m: A hand is in front of the door if it is this much farther out than the handle.
         tow: Parameters of base motion during a pull.
     """
@@ -50,6 +52,7 @@ class ArcConfig:
     detour: float = 2.0
     again_steps: tuple[float, float] = (60.0, 60.0)
     behind_rad: float = 0.09
+    draws_in: bool = True
     before_m: float = 0.01
     tow: TowConfig = field(default_factory=TowConfig)
 
@@ -156,7 +159,8 @@ class Arcs:
         before = self.are_before(starts, collision)
         orientations = np.array([orientation for _, _, orientation in entries])
         arcs = self._follow(starts, orientations, towed, tows, collision)
-        lags = np.where(before | (not self._pull.opening), 0.0, self._config.behind_rad)
+        keeps_up = before | (not self._pull.opening) | (not self._config.draws_in)
+        lags = np.where(keeps_up, 0.0, self._config.behind_rad)
         return [
             self._door_path(here, start, np.array(arc), tows[tow, : len(arc)], lag)
             for start, arc, tow, lag in zip(starts, arcs, towed, lags, strict=True)
@@ -198,7 +202,8 @@ class Arcs:
             collision.move(self._articulation.body, motion)
             goals = hands[going]
             goals[:, :3, :3] = self._turns[number, orientations[going]] @ goals[:, :3, :3]
-            goals[:, :3, 3] = self.door.points(float(joint), positions[going])
+            places = slice(0, 3 if self._config.draws_in else 2)
+            goals[:, places, 3] = self.door.points(float(joint), positions[going])[:, places]
             bases = tows[towed[going], number]
             goals = invert_pose(collision.world_from_arms(bases)) @ goals
             weights = self._weights[orientations[going]]
@@ -220,7 +225,8 @@ class Arcs:
         behind it keeps its position relative to the door.
         """
         positions = self._beside(hands, collision)
-        return np.where(self._before(positions)[:, None], self.door.handle_m, positions)
+        drawn = self._before(positions) & self._config.draws_in
+        return np.where(drawn[:, None], self.door.handle_m, positions)
 
     def _beside(self, hands: Array, collision: ArmCollision) -> Array:
         """Returns the positions (G, 2) of hands (G, 4, 4) in the door's frame."""

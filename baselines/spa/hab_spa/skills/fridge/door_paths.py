@@ -7,8 +7,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hab_spa.motion.robot import Robot
-from hab_spa.planning.joint_goal import GoalConfig, sample_reaching_goals
+from hab_spa.planning.joint_goal import GoalConfig, apart, sample_reaching_goals
 from hab_spa.shapes import Array
+from hab_spa.skills.bar import BarConfig, bar_goals, bar_grasps, same_grasps
 from hab_spa.skills.fridge.arc import ArcConfig, Arcs, DoorPath, Pull, best_first
 from hab_spa.skills.fridge.door import Door
 from hab_spa.skills.fridge.tow import Free, tows
@@ -26,6 +27,7 @@ class DoorPathConfig:
         quick, comparison, final: Parameters of grasp sampling for a first score, for comparing base
             poses, and at the final base pose.
         arc: Parameters of following the arc.
+        bar: Grasps of the bar of the handle by two fingers; None for the snap grasp.
     """
 
     resting_rad: float = 0.6
@@ -47,6 +49,7 @@ class DoorPathConfig:
         )
     )
     arc: ArcConfig = field(default_factory=ArcConfig)
+    bar: BarConfig | None = None
 
 
 class DoorPathSearch:
@@ -131,6 +134,8 @@ class DoorPathSearch:
         robot, door = self._robot, self._door
         points_m = np.array([door.point(door.joint, *grasp) for grasp in self._pull.grasps_m])
         seed, here, arm = robot.next_seed(), robot.scene.arm_qpos, robot.kinematics
+        if self._config.bar is not None:
+            return self._bar_goals(seed, config, self._config.bar, near)
         goals = sample_reaching_goals(points_m, self.collision, arm, seed, config)
         if np.abs(here - arm.rest_rad).max() > self._config.resting_rad:
             # After a pull, grasp poses near the current one need little motion.
@@ -143,10 +148,23 @@ class DoorPathSearch:
             goals = np.concatenate((some, goals))
         return goals
 
+    def _bar_goals(
+        self, seed: int, config: GoalConfig, bar: BarConfig, near: Array | None
+    ) -> Array:
+        """Returns arm poses (G, J) with the bar of the handle between the fingers."""
+        door, arm = self._door, self._robot.kinematics
+        face, out = door.points(door.joint, np.array(((0.0, 0.0), (0.0, 1.0))))
+        grasps = bar_grasps(face - out, np.array((0.0, 0.0, 1.0)), door.handle(door.joint), bar)
+        goals = apart(bar_goals(arm, self.collision, grasps, seed, bar)[0], config)
+        if near is None or not len(near):
+            return goals
+        return np.concatenate((same_grasps(arm, self.collision, grasps, near, bar), goals))
+
     def _along(self, goals: Array, moving: Array) -> list[DoorPath]:
         """Returns the pulls from grasp poses (G, J) with base motions (T, K, 3)."""
         arcs, here = self._arcs, self._robot.scene.arm_qpos
-        if self._pull.opening or not len(goals) or not len(moving):
+        stays_out = self._pull.opening or self._config.bar is not None
+        if stays_out or not len(goals) or not len(moving):
             return arcs.candidates(here, goals, self.collision, moving)
         self._stand_at(moving[0, 0])
         before = arcs.are_before(goals, self.collision)

@@ -39,14 +39,14 @@ def open_fridge(
         region: Rectangle in the fridge's frame that the base must not leave.
         config: Parameters.
     """
-    return (yield from _Fridge(robot, number, True, region, config or FridgeConfig()).move())
+    return (yield from FridgeMotion(robot, number, True, region, config or FridgeConfig()).move())
 
 
 def close_fridge(
     robot: Robot, number: int, region: Rectangle | None = None, config: FridgeConfig | None = None
 ) -> Motion:
     """Closes the fridge and rests; see `open_fridge`."""
-    return (yield from _Fridge(robot, number, False, region, config or FridgeConfig()).move())
+    return (yield from FridgeMotion(robot, number, False, region, config or FridgeConfig()).move())
 
 
 def fridge_base_poses(
@@ -99,7 +99,7 @@ def fridge_score(
     return score
 
 
-class _Fridge:
+class FridgeMotion:
     """Opens or closes one door."""
 
     def __init__(
@@ -304,6 +304,11 @@ class _Fridge:
             yield robot.command(target, base=moves, pose=now if candidate.towed else None)
         if not lets_swing:
             yield from self._hold(targets[-1])
+        yield from self._let_go()
+
+    def _let_go(self) -> Generator[Command, None, None]:
+        """Releases the handle."""
+        robot, config = self._robot, self._config
         robot.gripper = RELEASE
         yield from wait(robot, config.release_steps)
         if not self._done:

@@ -285,16 +285,15 @@ def _seeded_goals(
     rng = np.random.default_rng(seed)
     if len(points_m) > config.seeded_points:
         points_m = points_m[rng.choice(len(points_m), config.seeded_points, replace=False)]
-    count = config.seeded_starts // len(points_m)
+    targets_m, count = in_arm(points_m, collision), config.seeded_starts // len(points_m)
     # The table is the same for every seed, but another attempt needs other starts.
-    starts, numbers = arm.starts.near(in_arm(points_m, collision), count, rng)
-    targets_m = in_arm(points_m, collision)[numbers]
+    starts, numbers = arm.starts.near(targets_m, count, rng)
     # Inverse kinematics ends near its start, so that cheap starts give cheap goals.
     order = np.argsort(cost(starts), kind="stable")
     found = roomy = np.zeros((0, len(arm.rest_rad)))
     for first in range(0, len(order), config.seeded_round):
         chosen = order[first : first + config.seeded_round]
-        poses, reached = arm.solve(starts[chosen], targets_m[chosen], config.ik)
+        poses, reached = arm.solve(starts[chosen], targets_m[numbers[chosen]], config.ik)
         poses = _with_rest_roll(poses[reached], arm)
         found = np.concatenate((found, poses))
         # The others differ in the roll only, and are farther from rest.

@@ -94,9 +94,7 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
         return Failure.TARGET_PLAN
     before = np.array([one.reach[0] for one in pulls])
     near_rad = pull_config.bar.near_rad
-    failure = yield from go(
-        robot, scene.collision(), before, config.reach_share, near_rad=near_rad
-    )
+    failure = yield from go(robot, scene.collision(), before, config.reach_share, near_rad=near_rad)
     if failure is not None:
         return failure
     pull = pulls[int(np.abs(before - robot.arm_target_rad).max(axis=1).argmin())]
@@ -194,4 +192,3 @@ class DrawerPulls:
             if not self._moving.is_free(pose):
                 return False
         return True
-

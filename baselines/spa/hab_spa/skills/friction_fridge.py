@@ -45,7 +45,7 @@ CONFIG = FridgeConfig(
     back_rad=0.02,
     base_pose=BasePoseConfig(
         door_path=DoorPathConfig(arc=ARC, bar=BAR, quick=GOALS, comparison=GOALS, final=GOALS)
-    )
+    ),
 )
 
 

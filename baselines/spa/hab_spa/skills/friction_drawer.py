@@ -55,7 +55,7 @@ class PullConfig:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Pull:
+class Grip:
     """A grasp of the bar, and the arm's way with it.
 
     Attributes:
@@ -88,17 +88,17 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     assert isinstance(scene, TrueScene)
     robot.doing, robot.gripper = "reach", RELEASE
     began = time.perf_counter()
-    pulls = DrawerPulls(robot, scene, number, out, config, pull_config).find()
+    grips = DrawerGrips(robot, scene, number, out, config, pull_config).find()
     robot.spend("target", time.perf_counter() - began)
-    if not pulls:
+    if not grips:
         return Failure.TARGET_PLAN
-    before = np.array([one.reach[0] for one in pulls])
+    before = np.array([one.reach[0] for one in grips])
     near_rad = pull_config.bar.near_rad
     failure = yield from go(robot, scene.collision(), before, config.reach_share, near_rad=near_rad)
     if failure is not None:
         return failure
-    pull = pulls[int(np.abs(before - robot.arm_target_rad).max(axis=1).argmin())]
-    failure = yield from follow(robot, pull.reach, 0.0, near_rad=near_rad)
+    grip = grips[int(np.abs(before - robot.arm_target_rad).max(axis=1).argmin())]
+    failure = yield from follow(robot, grip.reach, 0.0, near_rad=near_rad)
     if failure is not None:
         return failure
     failure = Failure.EXECUTION
@@ -106,7 +106,7 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
         robot.doing = "pull" if out else "push"
         held = lambda: scene.articulation(number).held  # noqa: E731
         failure = yield from follow(
-            robot, pull.line, config.line_share, held, config.timing, feels=False
+            robot, grip.line, config.line_share, held, config.timing, feels=False
         )
         robot.relax()
         yield from wait(robot, config.still_steps)
@@ -114,7 +114,7 @@ def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
     return failure
 
 
-class DrawerPulls:
+class DrawerGrips:
     """Finds the grasps with whose hand the arm can move a drawer all the way."""
 
     def __init__(
@@ -127,7 +127,7 @@ class DrawerPulls:
         config: PullConfig,
     ) -> None:
         """Reads the current state of drawer `number`."""
-        self._robot, self._scene, self._config = robot, scene, config
+        self._robot, self._config = robot, config
         self._arm: BatchArm = robot.kinematics
         self._drawer: ArticulationState = scene.articulation(number)
         # Bars are along the z axes of their links.
@@ -139,9 +139,9 @@ class DrawerPulls:
         self._bar_m = (arm_from_world @ np.append(self._drawer.handle_m, 1.0))[:3]
         self._along = arm_from_world[:3, :3] @ self._bar_axis
 
-    def find(self) -> list[Pull]:
+    def find(self) -> list[Grip]:
         """Returns them, those with a grasp near the resting pose first."""
-        config, found = self._config, list[Pull]()
+        config, found = self._config, list[Grip]()
         handle_m = self._drawer.handle_m
         grasps = bar_grasps(-self._drawer.axis, self._bar_axis, handle_m, config.bar)
         seed = self._robot.next_seed()
@@ -150,7 +150,7 @@ class DrawerPulls:
             turned = (self._line(pose, turn_rad) for turn_rad in config.turns_rad)
             line = next((one for one in turned if self._is_free(one, margin_m)), None)
             if line is not None:
-                found.append(Pull(reach=way_to_bar(self._arm, pose, config.bar), line=line))
+                found.append(Grip(reach=way_to_bar(self._arm, pose, config.bar), line=line))
             if len(found) == config.goals:
                 break
         return found

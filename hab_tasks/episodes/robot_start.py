@@ -145,7 +145,8 @@ class RobotStarts:
         """Returns a start in a spawn region, noise included, facing a point (3,).
 
         The x axis of the region's frame (4, 4) points into the room. With `reach`, the arm must
-        reach that point; `end_m` (3,) is in the workspace, as the hand has to move something there.
+        reach that point; `end_m` (3,) is in the workspace, and in reach of fingers, as the hand has
+        to move something there.
 
         Raises:
             RejectedSampleError: The region has no free pose.
@@ -253,8 +254,10 @@ class RobotStarts:
     def _leads_to(self, base: Base, end_m: Array) -> bool:
         """Whether the hand can bring a handle to a point (3,)."""
         robot, local = self._kinematics.robot, in_base_frame(base, end_m)
-        if robot.fingers is None or not in_workspace(robot, base, end_m):
-            return in_workspace(robot, base, end_m)
+        if not in_workspace(robot, base, end_m):
+            return False
+        if robot.fingers is None:
+            return True
         # The workspace is that of the snap grasp's point, which is beyond the fingers.
         limits = robot.arm_lower_rad, robot.arm_upper_rad
         starts = (self._rng.uniform(*limits) for _ in range(self.noise.reach_tries))

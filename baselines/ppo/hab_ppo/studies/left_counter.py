@@ -114,9 +114,9 @@ ACTIONS = Study(
     protocol=PROTOCOL,
     differs="Blind policies instead of depth, since frames are expensive on two cores; fewer "
     "steps. The paper has no curve over wall time.",
-    reading="7 joints learn as well as 3 displacements of the hand, as in the paper, where both "
-    "solve the task after 100 million steps; here neither does yet. With the hand's, success rises "
-    "sooner and picks take less time (SCT).",
+    reading="joint displacements learn as well as those of the end-effector, as in the paper, "
+    "where both solve the task after 100 million steps; here neither does yet. The end-effector's "
+    "success rises sooner, and its picks take less time (SCT).",
     arms=tuple(
         Arm(
             name=mode,

@@ -10,6 +10,7 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Motion
 from scipy.spatial.transform import Rotation
 
+from hab_spa.motion.follow import TimingConfig
 from hab_spa.motion.moves import follow, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.collision import ArmCollision
@@ -137,9 +138,16 @@ def close_around(robot: Robot, number: int, bar: BarConfig) -> Generator[Command
     return robot.scene.articulation(number).held
 
 
-def let_go(robot: Robot, bar: BarConfig) -> Motion:
-    """Opens the fingers, and draws the hand straight back from the bar."""
+def let_go(robot: Robot, bar: BarConfig, timing: TimingConfig | None = None) -> Motion:
+    """Opens the fingers, and draws the hand straight back from the bar.
+
+    Args:
+        robot: The robot.
+        bar: Parameters.
+        timing: Speed limits; the robot's by default.
+    """
     robot.doing, robot.gripper = "let go", RELEASE
     yield from wait(robot, bar.release_steps)
     way = way_to_bar(robot.kinematics, robot.scene.arm_qpos, bar)[::-1]
-    return (yield from follow(robot, way, 0.0, near_rad=2 * bar.near_rad, feels=False))
+    near_rad = 2 * bar.near_rad
+    return (yield from follow(robot, way, 0.0, timing=timing, near_rad=near_rad, feels=False))

@@ -6,19 +6,22 @@ from collections.abc import Generator
 from dataclasses import replace
 
 import numpy as np
-from hab_plans.motion import RELEASE, Command, Failure, Motion
+from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
-from hab_spa.motion.moves import follow, go
+from hab_spa.motion.follow import TimingConfig
+from hab_spa.motion.moves import follow, go, tucked_rad, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.joint_goal import GoalConfig
+from hab_spa.shapes import Array
 from hab_spa.skills.bar import BarConfig, close_around, let_go, way_to_bar
 from hab_spa.skills.fridge.arc import ArcConfig, DoorPath
-from hab_spa.skills.fridge.base_poses import BasePoseConfig
+from hab_spa.skills.fridge.base_poses import BasePoseConfig, SelectedBasePose
 from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.door_paths import DoorPathConfig
+from hab_spa.skills.fridge.drive_and_reach import drive_and_reach
 from hab_spa.skills.fridge.skill import FridgeMotion
 from hab_spa.skills.fridge.tow import TowConfig
-from hab_tasks.articulations import FRIDGE
+from hab_tasks.articulations import FRIDGE, Rectangle
 
 BAR = BarConfig(
     along_m=(0.0, -0.06, 0.06, -0.12, 0.12),
@@ -36,69 +39,154 @@ ARC = ArcConfig(
 BETWEEN_M = 0.04
 """A bar so near to the point between the fingers, whose gap is 10 cm, is between them."""
 
+FAST_PACES, CLOSING_STEPS = (1.6, 2.4), 3
+"""Paces where neither force nor clearance matters, and steps in which empty fingers close."""
+
 GOALS = GoalConfig(goals=14, same_goal_rad=0.3)
-CONFIG = FridgeConfig(
+
+
+def _held_by_bar(arc: ArcConfig) -> BasePoseConfig:
+    paths = DoorPathConfig(arc=arc, bar=BAR, quick=GOALS, comparison=GOALS, final=GOALS)
+    return BasePoseConfig(door_path=paths)
+
+
+OPEN = FridgeConfig(
     pace=2.2,
     as_good_steps=8.0,
     rest_paces=(1.0, 1.3, 1.6, 2.4),
     rest_plans=8,
     back_rad=0.02,
-    base_pose=BasePoseConfig(
-        door_path=DoorPathConfig(arc=ARC, bar=BAR, quick=GOALS, comparison=GOALS, final=GOALS)
-    ),
+    base_pose=_held_by_bar(ARC),
 )
+"""With the bar of the handle between the fingers."""
+
+OPEN_ON = replace(
+    OPEN,
+    grasps_m=(),
+    around_m=((0.06, -0.14), (0.0, -0.14), (0.1, -0.12), (-0.1, -0.14)),
+    base_pose=BasePoseConfig(),
+)
+"""From inside, by a push alone, once the bar has been held."""
+
+CLOSE = replace(
+    OPEN, brake_steps=1, hold_steps=4, base_pose=_held_by_bar(ArcConfig(draws_in=False))
+)
+CLOSE_ON = replace(CLOSE, around_m=(), base_pose=BasePoseConfig())
 
 
 def open_fridge_by_friction(robot: Robot, number: int) -> Motion:
     """Opens the fridge by more than 90 degrees and rests beside the door; see `open_fridge`."""
-    return (yield from _Gripping(robot, number, True, FRIDGE.opening_region, CONFIG).move())
+    region = FRIDGE.opening_region
+    return (yield from _ByFriction(robot, number, True, region, OPEN, OPEN_ON).move())
 
 
 def close_fridge_by_friction(robot: Robot, number: int) -> Motion:
     """Closes the fridge and rests; see `close_fridge`."""
-    return (yield from _Gripping(robot, number, False, FRIDGE.closing_region, CONFIG).move())
+    region = FRIDGE.closing_region
+    return (yield from _ByFriction(robot, number, False, region, CLOSE, CLOSE_ON).move())
 
 
-class _Gripping(FridgeMotion):
-    """Opens or closes one door by the bar of its handle."""
+class _ByFriction(FridgeMotion):
+    """Moves one door by the bar of its handle; once it has been held, also by a push alone.
+
+    A door that closes is only pushed: fingers around its bar would draw it open again when the arm
+    moves to rest.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        number: int,
+        out: bool,
+        region: Rectangle,
+        config: FridgeConfig,
+        then: FridgeConfig,
+    ) -> None:
+        super().__init__(robot, number, out, region, config)
+        self._then, self._grips = then, False
+
+    def _find_candidates(self) -> list[DoorPath]:
+        return [] if self._done else super()._find_candidates()
+
+    def _tuck(self) -> Motion:
+        robot, plan, timing = self._robot, self._config.plan, self._fast
+        robot.doing, tucked = "fold", tucked_rad(robot.spec)[None]
+        collision = robot.scene.collision()
+        return (yield from go(robot, collision, tucked, 0.0, plan=plan, timing=timing))
+
+    def _drive(self, chosen: SelectedBasePose) -> Generator[Command, None, bool]:
+        """Drives, and reaches for the handle on the way where there is room for both."""
+        robot, config, goals = self._robot, self._config, chosen.goals
+        if chosen.maneuver is None:
+            return True
+        if config.base_pose.door_path.bar is not None:
+            ways = [way_to_bar(robot.kinematics, goal, BAR) for goal in goals]
+            goals = np.array(ways)[:, 0]
+        maneuver = chosen.maneuver
+        return (yield from drive_and_reach(robot, maneuver, goals, config.maneuver, config.plan))
 
     def _take(self, candidates: list[DoorPath]) -> Motion:
-        """Reaches for the bar, comes straight to it, and closes the fingers."""
-        robot, config = self._robot, self._config
-        robot.doing, robot.gripper = "reach", RELEASE
-        ways = np.array([way_to_bar(robot.kinematics, one.goal, BAR) for one in candidates])
-        near_rad, timing = BAR.near_rad, replace(robot.config.timing, paces=config.rest_paces[-2:])
-        failure = yield from go(
-            robot,
-            robot.scene.collision(),
-            ways[:, 0],
-            config.reach_share,
-            near_rad=near_rad,
-            plan=config.plan,
-            timing=timing,
-        )
+        goals = np.array([one.goal for one in candidates])
+        if self._config.base_pose.door_path.bar is None:
+            self._robot.gripper = GRASP
+            return (yield from self._reach(goals, self._config.at_handle_rad))
+        failure = yield from self._grip(goals)
+        self._grips = failure is None
+        if failure is None and not self._out:
+            yield from self._let_go()
+            self._robot.gripper = GRASP
+            yield from wait(self._robot, CLOSING_STEPS)
+        return failure
+
+    def _grip(self, goals: Array) -> Motion:
+        """Comes straight to the bar, and closes the fingers."""
+        robot = self._robot
+        robot.gripper = RELEASE
+        ways = np.array([way_to_bar(robot.kinematics, goal, BAR) for goal in goals])
+        near_rad = BAR.near_rad
+        failure = yield from self._reach(ways[:, 0], near_rad)
         if failure is None:
             gaps_rad = np.abs(ways[:, 0] - robot.arm_target_rad).max(axis=1)
-            failure = yield from follow(
-                robot, ways[gaps_rad.argmin()], 0.0, timing=timing, near_rad=near_rad
-            )
+            way = ways[gaps_rad.argmin()]
+            failure = yield from follow(robot, way, 0.0, timing=self._fast, near_rad=near_rad)
         if failure is not None:
             return failure
         if (yield from close_around(robot, self._number, BAR)):
             return None
-        yield from let_go(robot, BAR)
+        yield from let_go(robot, BAR, self._fast)
         return Failure.EXECUTION
+
+    def _reach(self, goals: Array, near_rad: float) -> Motion:
+        """Moves the arm to one of the goals (G, J)."""
+        robot, config, timing = self._robot, self._config, self._fast
+        robot.doing, collision, share = "reach", robot.scene.collision(), config.reach_share
+        return (
+            yield from go(
+                robot, collision, goals, share, near_rad=near_rad, plan=config.plan, timing=timing
+            )
+        )
+
+    @property
+    def _fast(self) -> TimingConfig:
+        """Speed limits with `FAST_PACES`."""
+        return replace(self._robot.config.timing, paces=FAST_PACES)
 
     @property
     def _held(self) -> bool:
-        """Whether the bar, which is vertical, is between the fingers.
+        """Whether the bar, which is vertical, is between the fingers, or need not be.
 
         When the door speeds up or slows down, one of them may lose contact for a few steps.
         """
+        if not self._grips:
+            return True
         handle_m = self._robot.scene.articulation(self._number).handle_m
         gap_m = handle_m[:2] - self._robot.world_from_ee[:2, 3]
         return float(np.linalg.norm(gap_m)) < BETWEEN_M
 
     def _let_go(self) -> Generator[Command, None, None]:
-        """Opens the fingers, and draws the hand back."""
-        yield from let_go(self._robot, BAR)
+        """Opens the fingers and draws the hand back, or waits while a pushed door swings on."""
+        if not self._grips:
+            yield from self._wait()
+            return
+        yield from let_go(self._robot, BAR, self._fast)
+        self._grips, self._config = False, self._then

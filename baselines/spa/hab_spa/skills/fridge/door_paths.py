@@ -163,9 +163,10 @@ class DoorPathSearch:
     def _along(self, goals: Array, moving: Array) -> list[DoorPath]:
         """Returns the pulls from grasp poses (G, J) with base motions (T, K, 3)."""
         arcs, here = self._arcs, self._robot.scene.arm_qpos
-        stays_out = self._pull.opening or self._config.bar is not None
-        if stays_out or not len(goals) or not len(moving):
+        if self._pull.opening or not len(goals) or not len(moving):
             return arcs.candidates(here, goals, self.collision, moving)
+        if self._config.bar is not None:
+            return arcs.candidates(here, goals, self._yielding, moving)
         self._stand_at(moving[0, 0])
         before = arcs.are_before(goals, self.collision)
         candidates = arcs.candidates(here, goals[~before], self.collision, moving)

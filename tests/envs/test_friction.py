@@ -61,8 +61,10 @@ def test_agents_are_set_up_for_it():
 
 
 @slow
-@pytest.mark.parametrize("env", ["HabPick-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1"])
-def test_a_planner_picks_and_moves_drawers_with_two_fingers(tmp_path, env):
+@pytest.mark.parametrize(
+    "env", ["HabPick-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1", "HabOpenFridge-v1"]
+)
+def test_a_planner_picks_and_moves_doors_and_drawers_with_two_fingers(tmp_path, env):
     out = tmp_path / "run"
     command = f"run --agent hab_spa:spa_priv --option planner=batched --env {env} --split val"
     options = "--seed 11 --episodes 3 --env-option grasp=friction --workers 1 --out"

@@ -49,7 +49,7 @@ MONOLITHIC = Study(
                     episodes=1,
                 ),
                 "full": Budget(
-                    steps=1_500_000,
+                    steps=500_000,
                     training_episodes=500,
                     evaluations=5,
                     validation_episodes=10,
@@ -67,7 +67,7 @@ NAVIGATE_BUDGETS = {
     "quick": Budget(
         steps=1_600, training_episodes=24, evaluations=1, validation_episodes=4, episodes=6
     ),
-    "full": Budget(steps=800_000, training_episodes=1500, evaluations=8, episodes=300),
+    "full": Budget(steps=250_000, training_episodes=1500, evaluations=5, episodes=300),
 }
 
 STOP = Study(
@@ -99,9 +99,11 @@ BLIND_QUICK = Budget(
     validation_episodes=4,
     episodes=6,
 )
-BLIND_FULL = Budget(steps=150_000, labelled=(5, 10_000), seeds=3, evaluations=6, episodes=100)
+BLIND_FULL = Budget(
+    steps=80_000, labelled=(2, 10_000), seeds=3, evaluations=4, validation_episodes=30, episodes=100
+)
 SKILLS = {
-    "pick": (PICK_BLIND, replace(BLIND_FULL, steps=400_000, evaluations=8)),
+    "pick": (PICK_BLIND, replace(BLIND_FULL, steps=200_000, evaluations=5)),
     "place": (PLACE_DISTILLED, BLIND_FULL),
     "open drawer": (OPEN_DRAWER_BLIND, BLIND_FULL),
     "close drawer": (CLOSE_DRAWER_BLIND, BLIND_FULL),

@@ -98,12 +98,17 @@ ARTICULATION_KINDS = {kind.name: kind for kind in (FRIDGE, DRAWER)}
 
 @dataclass(frozen=True, kw_only=True)
 class HandleMarker:
-    """A point fixed to a link of one furniture template."""
+    """A point fixed to a link of one furniture template.
+
+    Attributes:
+        bar_m: Length of the bar that a handle has for a grasp by friction, along the link's z axis.
+    """
 
     name: str
     template: str
     link: str
     offset_m: tuple[float, float, float]
+    bar_m: float = 0.32
 
 
 FRIDGES = ("fridge", "fridge_mirrored")
@@ -128,13 +133,18 @@ HANDLE_MARKERS = [
     _drawer(2, "drawer2_middle"),
     _drawer(1, "drawer2_bottom"),
     HandleMarker(
-        name="fridge_push_point", template="fridge", link="top_door", offset_m=(0.10, -0.62, 0.2)
+        name="fridge_push_point",
+        template="fridge",
+        link="top_door",
+        offset_m=(0.10, -0.62, 0.2),
+        bar_m=0.52,
     ),
     HandleMarker(
         name="fridge_push_point",
         template="fridge_mirrored",
         link="top_door",
         offset_m=(0.10, 0.62, 0.2),
+        bar_m=0.52,
     ),
 ]
 

@@ -153,24 +153,19 @@ class GoalSetting:
 
 def handles_of(shown: SceneBodies) -> list[Handle]:
     """Returns every handle marker of the active furniture."""
-    found = []
-    scales = {a.name: a.scale for a in shown.spec.articulations}
-    for name, furniture in shown.articulations.items():
-        for marker in HANDLE_MARKERS:
-            # An instance is named ``template_:0000``.
-            if marker.template == name.rsplit("_:", 1)[0]:
-                # Markers are in the frame before the furniture is scaled.
-                x, y, z = (scales[name] * value for value in marker.offset_m)
-                found.append(
-                    Handle(
-                        name=marker.name,
-                        furniture_name=name,
-                        furniture=furniture,
-                        link=furniture.links_map[marker.link],
-                        offset_m=(x, y, z),
-                    )
-                )
-    return found
+    instances = {one.name: one for one in shown.spec.articulations}
+    return [
+        Handle(
+            name=marker.name,
+            furniture_name=name,
+            furniture=furniture,
+            link=furniture.links_map[marker.link],
+            offset_m=instances[name].handle_m(marker),
+        )
+        for name, furniture in shown.articulations.items()
+        for marker in HANDLE_MARKERS
+        if marker.template == instances[name].template
+    ]
 
 
 def frame_of(handle: Handle) -> tuple[float, float, float]:

@@ -52,7 +52,7 @@ def visible_bodies(
         visuals = template_visuals(templates[name.rsplit("_:", 1)[0]], 1.0)
         yield RayBody(name=name, visuals=visuals, entity=sapien_object(actor))
     for furniture in spec.articulations:
-        of_link = furniture_visuals(furniture.urdf_file, furniture.scale)
+        of_link = furniture_visuals(furniture)
         for link in active.articulations[furniture.name].links:
             name, entity = f"{furniture.name}/{link.name}", sapien_object(link).entity
             yield RayBody(name=name, visuals=of_link[link.name], entity=entity)

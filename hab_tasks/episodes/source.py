@@ -43,6 +43,7 @@ from hab_tasks.registration import TASKS, class_of, imported_id
 from hab_tasks.robots.spec import robot_of
 from hab_tasks.world.scenes.habitat.dataset import embedded_dataset, resolve_dataset
 from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.handle_bars import AHEAD_M, with_bars
 from hab_tasks.world.scenes.objects import load_objects
 from hab_tasks.world.scenes.spec import SceneSpec
 
@@ -94,6 +95,7 @@ class EpisodeSource:
         if request.clutter and given is not None:
             raise OptionError.of_value("clutter", request.clutter, "0 with an episode file")
         self._variant = variant_of(request)
+        self._by_friction = robot_of(request.robot).fingers is not None
         self.available = UNLIMITED
         self.rejections: Counter[str] = Counter()
         self._generator: base.Generator | None = None
@@ -115,7 +117,8 @@ class EpisodeSource:
         # The fingerprint of a task covers starts and goals of its objects, not its instruction.
         task = TASKS.get(self.env_id)
         spec = (task and (task.targets, task.starts_open, task.clutter, task.clutter_on)) or ()
-        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec)))
+        bars = (AHEAD_M,) if self._by_friction else ()
+        key = stable_hash(*map(str, (SCHEMA, *astuple(self.made_from), *spec, *bars)))
         self._task = stable_hash(*map(str, spec)) if spec else None
         self._cached = f"episodes/{key:08x}/{self._name}"
         self.making, self._key = f"{self._cached}.making", stable_hash(self._cached)
@@ -258,9 +261,10 @@ class EpisodeSource:
                 yield missing[number], made
 
     def scene(self, scene_id: str) -> SceneSpec:
-        """Returns a layout; cached."""
+        """Returns a layout, for a grasp by friction with a bar on every handle; cached."""
         if scene_id not in self._scenes:
-            self._scenes[scene_id] = load_scene(self.dataset, scene_id)
+            spec = load_scene(self.dataset, scene_id)
+            self._scenes[scene_id] = with_bars(spec) if self._by_friction else spec
         return self._scenes[scene_id]
 
     def scene_ids(self) -> list[str]:

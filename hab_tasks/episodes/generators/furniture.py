@@ -33,9 +33,9 @@ class LayoutArticulation:
 
 def marker_m(sandbox: PlacementSandbox, furniture: str, marker: HandleMarker) -> Array:
     """Returns the current position (3,) of a handle marker in the world."""
-    scale = {a.name: a.scale for a in sandbox.spec.articulations}[furniture]
+    instance = next(one for one in sandbox.spec.articulations if one.name == furniture)
     world_from_link = sandbox.world_from(f"{furniture}/{marker.link}")
-    return world_from_link[:3, :3] @ (scale * np.array(marker.offset_m)) + world_from_link[:3, 3]
+    return world_from_link[:3, :3] @ np.array(instance.handle_m(marker)) + world_from_link[:3, 3]
 
 
 def handles_m(sandbox: PlacementSandbox) -> Array:

@@ -108,7 +108,7 @@ class BodyBuilder:
 
     def articulation(self, furniture: ArticulationInstance, group: int) -> Articulation:
         """Builds articulated furniture; `group` disables collisions between its links."""
-        text = sapien_urdf(furniture.urdf_file, visuals=self.visuals)
+        text = sapien_urdf(furniture.urdf_file, self.visuals, furniture.bars)
         with articulation_builder(
             self.scene, text, furniture.name, scale=furniture.scale, many_parts=True
         ) as builder:

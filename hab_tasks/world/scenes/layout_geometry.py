@@ -10,7 +10,6 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -136,7 +135,7 @@ class Layout:
             pose = to_matrix(item.world_from_object)
             placed[item.name] = _posed(item.name, item.name, shapes, pose)
         for item in spec.articulations:
-            model = _furniture(item.urdf_file, item.scale)
+            model = furniture_model(replace(item, name=item.template, world_from_root=IDENTITY))
             world_from_root = roots[item.name]
             for link in model.links:
                 name, pose = f"{item.name}/{link.name}", world_from_root @ link.world_from_body
@@ -161,8 +160,8 @@ class Layout:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Furniture:
-    """An articulated template with its root at the origin; links have their bare names."""
+class FurnitureModel:
+    """Articulated furniture by itself; links have their bare names."""
 
     links: tuple[PosedBody, ...]
     joints: tuple[Joint, ...]
@@ -181,14 +180,8 @@ def _stage_shapes(stage: Stage) -> tuple[RigidShapes, ...]:
 
 
 @lru_cache(maxsize=256)
-def _furniture(urdf_file: Path, scale: float) -> _Furniture:
-    instance = ArticulationInstance(
-        name="furniture",
-        template="furniture",
-        urdf_file=urdf_file,
-        world_from_root=IDENTITY,
-        scale=scale,
-    )
+def furniture_model(instance: ArticulationInstance) -> FurnitureModel:
+    """Returns articulated furniture at the pose of its instance."""
     built = BodyBuilder(bare_scene()).articulation(instance, 1)
     engine: Any = sapien_object(built)
     engine.set_qpos(np.zeros(engine.dof, dtype=np.float32))  # updates the links' poses
@@ -198,7 +191,7 @@ def _furniture(urdf_file: Path, scale: float) -> _Furniture:
         shapes = _rigid(read_body(name, "furniture", link).shapes)
         placed[link] = _posed(name, "", shapes, matrix(link.entity_pose))
     joints = [_joint(j.name, sapien_object(j).child_link, placed) for j in built.active_joints]
-    return _Furniture(links=tuple(placed.values()), joints=tuple(joints))
+    return FurnitureModel(links=tuple(placed.values()), joints=tuple(joints))
 
 
 def _joint(name: str, link: Any, placed: Mapping[Any, PosedBody]) -> Joint:

@@ -151,7 +151,7 @@ class BodyPool:
         return built
 
     def _furniture(self, furniture: ArticulationInstance) -> Articulation:
-        key = ("furniture", furniture.name, furniture.urdf_file, furniture.scale)
+        key = ("furniture", furniture.name, furniture.urdf_file, furniture.scale, furniture.bars)
         number = len(self._built) + 1
         built: Any = self._take(key, lambda: self._builder.articulation(furniture, number))
         self._put(key, built, furniture.world_from_root)

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from hab_tasks.articulations import HandleMarker
 from hab_tasks.geometry import Pose7
 
 Vector = tuple[float, float, float]
@@ -76,14 +77,39 @@ class ObjectInstance:
 
 
 @dataclass(frozen=True, kw_only=True)
+class HandleBar:
+    """A bar in front of a link, along its z axis, before the furniture is scaled.
+
+    Attributes:
+        front_m: x of the link's front, from which two posts carry the bar.
+    """
+
+    link: str
+    middle_m: Vector
+    length_m: float
+    front_m: float
+
+
+@dataclass(frozen=True, kw_only=True)
 class ArticulationInstance:
-    """Articulated furniture with a fixed base, described by a URDF."""
+    """Articulated furniture with a fixed base, described by a URDF.
+
+    Attributes:
+        bars: Bars added to its doors and drawers.
+    """
 
     name: str
     template: str
     urdf_file: Path
     world_from_root: Pose7
     scale: float = 1.0
+    bars: tuple[HandleBar, ...] = ()
+
+    def handle_m(self, marker: HandleMarker) -> Vector:
+        """Returns the place of a handle in the frame of its link: in the middle of an added bar."""
+        bars = {bar.link: bar.middle_m for bar in self.bars}
+        x, y, z = (self.scale * value for value in bars.get(marker.link, marker.offset_m))
+        return x, y, z
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,10 @@ have no visuals. Their builders are parsed once for all scenes without a rendere
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import lru_cache
+from itertools import product
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -23,6 +24,7 @@ from sapien import physx
 from hab_tasks.io.cache import temporary_folder
 from hab_tasks.world.scenes.fields import read_urdf
 from hab_tasks.world.scenes.meshes import check_any_mesh
+from hab_tasks.world.scenes.spec import HandleBar
 from hab_tasks.world.scenes.urdf_checks import check_robot, mesh_file
 
 _NUMERIC = ("xyz", "rpy", "scale", "size", "value", "rgba")
@@ -31,6 +33,10 @@ _READ = {
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
 }
 """Elements passed to SAPIEN; faults in other, unused elements would make it fail."""
+
+
+BAR_M, POST_M, POST_END_M = 0.014, 0.01, 0.02
+"""Thickness of an added bar and of its posts, and distance of these from its ends."""
 
 
 @lru_cache(maxsize=512)
@@ -56,8 +62,8 @@ def urdf_file(text: str, stem: str) -> Iterator[Path]:
 
 
 @lru_cache(maxsize=512)
-def sapien_urdf(file: Path, visuals: bool) -> str:
-    """Returns the text of a URDF as SAPIEN can load it, with or without visual meshes."""
+def sapien_urdf(file: Path, visuals: bool, bars: Sequence[HandleBar] = ()) -> str:
+    """Returns the text of a URDF as SAPIEN can load it, with or without visuals, and with bars."""
     check_urdf(file)
     root = read_urdf(file)
     mend_numbers(root)
@@ -68,9 +74,28 @@ def sapien_urdf(file: Path, visuals: bool) -> str:
         dynamics.attrib.setdefault("damping", "0")  # required by ManiSkill
     for mesh in root.iter("mesh"):
         mesh.set("filename", str(mesh_file(file, mesh)))
+    for link in root.findall("link"):
+        for bar in bars:
+            if bar.link == link.get("name"):
+                _add_bar(link, bar)
     if not visuals:
         remove_visuals(root)
     return ElementTree.tostring(root, encoding="unicode")
+
+
+def _add_bar(link: ElementTree.Element, bar: HandleBar) -> None:
+    """Adds a bar on two posts to a link, in place."""
+    x, y, z = bar.middle_m
+    post_m = x - bar.front_m
+    boxes = [((x, y, z), (BAR_M, BAR_M, bar.length_m))]
+    for end in (-1, 1):
+        center = (bar.front_m + post_m / 2, y, z + end * (bar.length_m / 2 - POST_END_M))
+        boxes.append((center, (post_m, POST_M, POST_M)))
+    for (center, size), kind in product(boxes, ("visual", "collision")):
+        part = ElementTree.SubElement(link, kind)
+        ElementTree.SubElement(part, "origin", xyz=" ".join(map(str, center)), rpy="0 0 0")
+        geometry = ElementTree.SubElement(part, "geometry")
+        ElementTree.SubElement(geometry, "box", size=" ".join(map(str, size)))
 
 
 def mend_numbers(root: ElementTree.Element) -> None:

@@ -29,7 +29,7 @@ from hab_tasks.errors import DatasetError
 from hab_tasks.geometry import IDENTITY, Pose7, pose
 from hab_tasks.io.cache import cached_file
 from hab_tasks.world.scenes.meshes import check_mesh, content_key, loaded_mesh
-from hab_tasks.world.scenes.spec import ObjectTemplate, Stage
+from hab_tasks.world.scenes.spec import ArticulationInstance, ObjectTemplate, Stage
 from hab_tasks.world.scenes.urdf import sapien_urdf
 
 VisualKind = Literal["mesh", "box", "sphere", "cylinder", "capsule"]
@@ -80,9 +80,10 @@ def stage_visuals(stage: Stage) -> Visuals:
     )
 
 
-def furniture_visuals(urdf_file: Path, scale: float) -> dict[str, Visuals]:
+def furniture_visuals(furniture: ArticulationInstance) -> dict[str, Visuals]:
     """Returns link name -> visuals of articulated furniture."""
-    return urdf_visuals(sapien_urdf(urdf_file, visuals=True), scale)
+    text = sapien_urdf(furniture.urdf_file, visuals=True, bars=furniture.bars)
+    return urdf_visuals(text, furniture.scale)
 
 
 def urdf_visuals(text: str, scale: float = 1.0) -> dict[str, Visuals]:

@@ -62,8 +62,8 @@ SKILLS: dict[str, Behaviour] = {
 FRICTION_SKILLS: dict[str, Behaviour] = {
     "HabPick-v1": lambda robot: pick_by_friction(robot, 0),
     "HabPlace-v1": lambda robot: place(robot, 0),
-    "HabOpenFridge-v1": lambda robot: open_fridge_by_friction(robot, 0),
-    "HabCloseFridge-v1": lambda robot: close_fridge_by_friction(robot, 0),
+    "HabOpenFridge-v1": lambda robot: open_fridge_by_friction(robot, 0, FRIDGE.opening_region),
+    "HabCloseFridge-v1": lambda robot: close_fridge_by_friction(robot, 0, FRIDGE.closing_region),
     "HabOpenDrawer-v1": lambda robot: open_drawer_by_friction(robot, 0),
     "HabCloseDrawer-v1": lambda robot: close_drawer_by_friction(robot, 0),
 }

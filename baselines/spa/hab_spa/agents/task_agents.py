@@ -11,12 +11,12 @@ from hab_plans.plan import plan_of
 from hab_plans.problem import PROVIDERS, load_factory, task_of
 from hab_plans.protocols import Navigator, SkillProvider, Team
 
-from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned
+from hab_spa.agents.agent import CONTROLLERS, SpaAgent, control_mode, planned, robot_for
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.arm_plan import PLANNERS
 from hab_spa.scenes.true_scene import TrueScene
 from hab_spa.tasks.navigate import Folding, OracleNavigator, PolicyNavigator, navigator_of
-from hab_spa.tasks.planned_skills import SKILLS
+from hab_spa.tasks.planned_skills import FRICTION_SKILLS, SKILLS
 from hab_tasks.agent import AgentSetup, AgentSpec, check_options
 from hab_tasks.errors import OptionError
 from hab_tasks.registration import imported_id
@@ -41,9 +41,10 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
     """
     env_id, config = _asked(setup)
     navigator, own = navigator_of(setup), _own_skills(setup, env_id)
+    skills = SKILLS if robot_for(setup).fingers is None else FRICTION_SKILLS
 
     def behave(robot: Robot) -> Motion:
-        return _run(env_id, robot, SKILLS, own, navigator, config)
+        return _run(env_id, robot, skills, own, navigator, config)
 
     obs_mode = "state_dict"
     if isinstance(navigator, PolicyNavigator):
@@ -57,7 +58,7 @@ def tp_spa_priv(setup: AgentSetup) -> SpaAgent:
         privileged=True,
         files=_files(navigator),
     )
-    return SpaAgent(setup, spec, TrueScene, behave, planned(setup))
+    return SpaAgent(setup, spec, TrueScene, behave, planned(setup, by_friction=True))
 
 
 def _run(

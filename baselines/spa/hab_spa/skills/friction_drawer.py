@@ -7,7 +7,7 @@ turns a little.
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from hab_plans.motion import RELEASE, Failure, Motion
@@ -37,6 +37,7 @@ class PullConfig:
     Attributes:
         bar: Grasps of its bar.
         goals: Maximum number of grasps that a motion is planned to.
+        tried: Maximum number of grasps whose way with the drawer is computed.
         step_m: Distance of the poses on the way with the bar.
         turns_rad: Angles by which the hand turns about the bar on the way.
         turn_weight_m: Weight of an orientation error [m/rad].
@@ -46,6 +47,7 @@ class PullConfig:
 
     bar: BarConfig = field(default_factory=BarConfig)
     goals: int = 6
+    tried: int = 1000
     step_m: float = 0.02
     turns_rad: tuple[float, ...] = (0.0, 0.5, -0.5)
     turn_weight_m: float = 0.03
@@ -67,6 +69,10 @@ class Grip:
     line: Array
 
 
+CLOSE = DrawerConfig(open_share=0.92, far_m=(0.56, 0.5, 0.62, 0.45))
+"""From nearer, as the hand has to keep its orientation to the drawer until it is closed."""
+
+
 def open_drawer_by_friction(robot: Robot, number: int) -> Motion:
     """Grasps the bar of the handle, pulls the drawer open, releases it and rests.
 
@@ -79,7 +85,17 @@ def open_drawer_by_friction(robot: Robot, number: int) -> Motion:
 
 def close_drawer_by_friction(robot: Robot, number: int) -> Motion:
     """Grasps the bar of the handle, pushes the drawer closed, releases it and rests."""
-    return (yield from slide(robot, number, False, DrawerConfig(open_share=0.97), _move))
+    return (yield from slide(robot, number, False, CLOSE, _move))
+
+
+def friction_drawer_score(
+    robot: Robot, number: int, base: Array, out: bool, config: PullConfig | None = None
+) -> int:
+    """Returns 1 for a base pose (3,) from which a grasp moves the drawer all the way, else 0."""
+    assert isinstance(robot.scene, TrueScene)
+    few = replace(config or PullConfig(), goals=1, tried=15, step_m=0.04)
+    drawer = DrawerConfig() if out else CLOSE
+    return len(DrawerGrips(robot, robot.scene, number, out, drawer, few, base).find())
 
 
 def _move(robot: Robot, number: int, out: bool, config: DrawerConfig) -> Motion:
@@ -125,14 +141,15 @@ class DrawerGrips:
         out: bool,
         drawer: DrawerConfig,
         config: PullConfig,
+        base: Array | None = None,
     ) -> None:
-        """Reads the current state of drawer `number`."""
+        """Reads the current state of drawer `number`; `base` (3,) is the robot's by default."""
         self._robot, self._config = robot, config
         self._arm: BatchArm = robot.kinematics
         self._drawer: ArticulationState = scene.articulation(number)
         # Bars are along the z axes of their links.
         self._bar_axis = scene.state.world_from_body[self._drawer.body][:3, 2]
-        self._collision, self._moving = scene.collision(), scene.collision()
+        self._collision, self._moving = scene.collision(base=base), scene.collision(base=base)
         self._travel_m = travel_m(self._drawer, out, drawer)
         arm_from_world = self._collision.arm_from_world
         self._way_m = arm_from_world[:3, :3] @ self._drawer.axis * self._travel_m
@@ -146,7 +163,7 @@ class DrawerGrips:
         grasps = bar_grasps(-self._drawer.axis, self._bar_axis, handle_m, config.bar)
         seed = self._robot.next_seed()
         goals, margin_m = bar_goals(self._arm, self._collision, grasps, seed, config.bar)
-        for pose in goals:
+        for pose in goals[: config.tried]:
             turned = (self._line(pose, turn_rad) for turn_rad in config.turns_rad)
             line = next((one for one in turned if self._is_free(one, margin_m)), None)
             if line is not None:

@@ -9,7 +9,7 @@ import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
 from hab_spa.motion.follow import TimingConfig
-from hab_spa.motion.moves import follow, go, tucked_rad, wait
+from hab_spa.motion.moves import follow, go, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.planning.joint_goal import GoalConfig
 from hab_spa.shapes import Array
@@ -21,7 +21,7 @@ from hab_spa.skills.fridge.door_paths import DoorPathConfig
 from hab_spa.skills.fridge.drive_and_reach import drive_and_reach
 from hab_spa.skills.fridge.skill import FridgeMotion
 from hab_spa.skills.fridge.tow import TowConfig
-from hab_tasks.articulations import FRIDGE, Rectangle
+from hab_tasks.articulations import Rectangle
 
 BAR = BarConfig(
     along_m=(0.0, -0.06, 0.06, -0.12, 0.12),
@@ -74,16 +74,19 @@ CLOSE = replace(
 CLOSE_ON = replace(CLOSE, around_m=(), base_pose=BasePoseConfig())
 
 
-def open_fridge_by_friction(robot: Robot, number: int) -> Motion:
+def open_fridge_by_friction(robot: Robot, number: int, region: Rectangle | None = None) -> Motion:
     """Opens the fridge by more than 90 degrees and rests beside the door; see `open_fridge`."""
-    region = FRIDGE.opening_region
     return (yield from _ByFriction(robot, number, True, region, OPEN, OPEN_ON).move())
 
 
-def close_fridge_by_friction(robot: Robot, number: int) -> Motion:
+def close_fridge_by_friction(robot: Robot, number: int, region: Rectangle | None = None) -> Motion:
     """Closes the fridge and rests; see `close_fridge`."""
-    region = FRIDGE.closing_region
     return (yield from _ByFriction(robot, number, False, region, CLOSE, CLOSE_ON).move())
+
+
+def push_fridge_closed(robot: Robot, number: int) -> Motion:
+    """Closes the fridge by a push alone and rests: a task does not ask who holds the handle."""
+    return (yield from _ByFriction(robot, number, False, None, CLOSE_ON, CLOSE_ON).move())
 
 
 class _ByFriction(FridgeMotion):
@@ -98,7 +101,7 @@ class _ByFriction(FridgeMotion):
         robot: Robot,
         number: int,
         out: bool,
-        region: Rectangle,
+        region: Rectangle | None,
         config: FridgeConfig,
         then: FridgeConfig,
     ) -> None:
@@ -108,20 +111,13 @@ class _ByFriction(FridgeMotion):
     def _find_candidates(self) -> list[DoorPath]:
         return [] if self._done else super()._find_candidates()
 
-    def _tuck(self) -> Motion:
-        robot, plan, timing = self._robot, self._config.plan, self._fast
-        robot.doing, tucked = "fold", tucked_rad(robot.spec)[None]
-        collision = robot.scene.collision()
-        return (yield from go(robot, collision, tucked, 0.0, plan=plan, timing=timing))
-
     def _drive(self, chosen: SelectedBasePose) -> Generator[Command, None, bool]:
         """Drives, and reaches for the handle on the way where there is room for both."""
         robot, config, goals = self._robot, self._config, chosen.goals
         if chosen.maneuver is None:
             return True
         if config.base_pose.door_path.bar is not None:
-            ways = [way_to_bar(robot.kinematics, goal, BAR) for goal in goals]
-            goals = np.array(ways)[:, 0]
+            goals = self._ways_to_bar(goals)[:, 0]
         maneuver = chosen.maneuver
         return (yield from drive_and_reach(robot, maneuver, goals, config.maneuver, config.plan))
 
@@ -142,23 +138,26 @@ class _ByFriction(FridgeMotion):
         """Comes straight to the bar, and closes the fingers."""
         robot = self._robot
         robot.gripper = RELEASE
-        ways = np.array([way_to_bar(robot.kinematics, goal, BAR) for goal in goals])
-        near_rad = BAR.near_rad
+        ways, near_rad = self._ways_to_bar(goals), BAR.near_rad
         failure = yield from self._reach(ways[:, 0], near_rad)
         if failure is None:
             gaps_rad = np.abs(ways[:, 0] - robot.arm_target_rad).max(axis=1)
             way = ways[gaps_rad.argmin()]
-            failure = yield from follow(robot, way, 0.0, timing=self._fast, near_rad=near_rad)
+            failure = yield from follow(robot, way, 0.0, timing=self._timing, near_rad=near_rad)
         if failure is not None:
             return failure
         if (yield from close_around(robot, self._number, BAR)):
             return None
-        yield from let_go(robot, BAR, self._fast)
+        yield from let_go(robot, BAR, self._timing)
         return Failure.EXECUTION
+
+    def _ways_to_bar(self, goals: Array) -> Array:
+        """Returns the straight ways (G, K, J) to grasps of the bar (G, J)."""
+        return np.array([way_to_bar(self._robot.kinematics, goal, BAR) for goal in goals])
 
     def _reach(self, goals: Array, near_rad: float) -> Motion:
         """Moves the arm to one of the goals (G, J)."""
-        robot, config, timing = self._robot, self._config, self._fast
+        robot, config, timing = self._robot, self._config, self._timing
         robot.doing, collision, share = "reach", robot.scene.collision(), config.reach_share
         return (
             yield from go(
@@ -167,7 +166,7 @@ class _ByFriction(FridgeMotion):
         )
 
     @property
-    def _fast(self) -> TimingConfig:
+    def _timing(self) -> TimingConfig:
         """Speed limits with `FAST_PACES`."""
         return replace(self._robot.config.timing, paces=FAST_PACES)
 
@@ -188,5 +187,5 @@ class _ByFriction(FridgeMotion):
         if not self._grips:
             yield from self._wait()
             return
-        yield from let_go(self._robot, BAR, self._fast)
+        yield from let_go(self._robot, BAR, self._timing)
         self._grips, self._config = False, self._then

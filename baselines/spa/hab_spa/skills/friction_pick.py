@@ -28,6 +28,7 @@ class FrictionConfig:
 
     Attributes:
         tried: Numbers of grasps for which arm poses are sought, one after the other.
+        judged: Number of grasps by which a base pose is scored.
         starts: Number of arm poses from which each is sought.
         ik_steps: Iterations of inverse kinematics.
         off_m, off_rad: Largest error of a solution.
@@ -42,6 +43,7 @@ class FrictionConfig:
     """
 
     tried: tuple[int, ...] = (300, 1500, 5000)
+    judged: int = 60
     starts: int = 10
     ik_steps: int = 30
     off_m: float = 0.003
@@ -64,6 +66,16 @@ def pick_by_friction(robot: Robot, number: int) -> Motion:
         number: Number of the object.
     """
     return pick(robot, number, _take)
+
+
+def friction_pick_score(robot: Robot, number: int, base: Array, effort: int = 1) -> int:
+    """Scores a base pose (3,) by the number of free ways to a few grasps of an object.
+
+    `effort` multiplies the number of grasps.
+    """
+    config = FrictionConfig()
+    assert isinstance(robot.scene, TrueScene)
+    return len(ways_in(robot, robot.scene, number, effort * config.judged, config, base))
 
 
 def _take(robot: Robot, number: int) -> Motion:
@@ -109,11 +121,20 @@ def _close(robot: Robot, number: int, config: FrictionConfig) -> Motion:
 
 
 def ways_in(
-    robot: Robot, scene: TrueScene, number: int, tried: int, config: FrictionConfig
+    robot: Robot,
+    scene: TrueScene,
+    number: int,
+    tried: int,
+    config: FrictionConfig,
+    base: Array | None = None,
 ) -> Array:
-    """Returns ways (W, K, J) of the arm to some grasps of an object, those near rest first."""
+    """Returns ways (W, K, J) of the arm to some grasps of an object, those near rest first.
+
+    They are from a base pose (3,), the current one by default.
+    """
     arm, rng = robot.kinematics, np.random.default_rng(robot.next_seed())
-    bare, full = scene.collision(without=scene.name_of(number)), scene.collision()
+    bare = scene.collision(base=base, without=scene.name_of(number))
+    full = scene.collision(base=base)
     arm_from_ee = bare.arm_from_world @ scene.grasps(number)
     some = arm_from_ee[rng.permutation(len(arm_from_ee))[:tried]]
     if not len(some):

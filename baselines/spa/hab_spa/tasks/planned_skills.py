@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
 
@@ -15,7 +15,27 @@ from hab_plans.stage import Stage
 from hab_spa.motion.moves import go, tucked_rad
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
-from hab_spa.skills.drawer import close_drawer, drawer_base_poses, drawer_score, open_drawer
+from hab_spa.skills.drawer import (
+    DrawerConfig,
+    close_drawer,
+    drawer_base_poses,
+    drawer_score,
+    open_drawer,
+)
+from hab_spa.skills.friction_drawer import CLOSE as CLOSE_DRAWER
+from hab_spa.skills.friction_drawer import (
+    close_drawer_by_friction,
+    friction_drawer_score,
+    open_drawer_by_friction,
+)
+from hab_spa.skills.friction_fridge import (
+    CLOSE_ON,
+    OPEN,
+    open_fridge_by_friction,
+    push_fridge_closed,
+)
+from hab_spa.skills.friction_pick import friction_pick_score, pick_by_friction
+from hab_spa.skills.fridge.config import FridgeConfig
 from hab_spa.skills.fridge.skill import close_fridge, fridge_base_poses, fridge_score, open_fridge
 from hab_spa.skills.pick import pick, pick_score
 from hab_spa.skills.place import place, place_score
@@ -154,13 +174,40 @@ def _around_goal(robot: Robot, number: int, map_: NavigationMap) -> Array:
     return poses_reaching(map_, robot.scene.goal_m(number), NEAREST_M, FARTHEST_M)
 
 
-def _drawer_score(robot: Robot, number: int, map_: NavigationMap, out: bool) -> Score:
-    return lambda base, _effort: drawer_score(robot, number, base, out)
+def _drawer_score(
+    robot: Robot, number: int, map_: NavigationMap, score: Callable[..., int], out: bool
+) -> Score:
+    return lambda base, _effort: score(robot, number, base, out)
 
 
-def _fridge_score(robot: Robot, number: int, map_: NavigationMap, out: bool) -> Score:
-    score = fridge_score(robot, number, map_, out)
+def _fridge_score(
+    robot: Robot, number: int, map_: NavigationMap, out: bool, config: FridgeConfig | None
+) -> Score:
+    score = fridge_score(robot, number, map_, out, config)
     return lambda base, _effort: score(base)
+
+
+def _drawer(
+    motion: SkillMotion,
+    score: Callable[..., int],
+    out: bool,
+    standing: StandingConfig | None = None,
+    config: DrawerConfig | None = None,
+) -> PlannedSkill:
+    return PlannedSkill(
+        motion=motion,
+        base_poses=partial(drawer_base_poses, config=config),
+        score=partial(_drawer_score, score=score, out=out),
+        standing=standing or StandingConfig(),
+    )
+
+
+def _fridge(motion: SkillMotion, out: bool, config: FridgeConfig | None = None) -> PlannedSkill:
+    return PlannedSkill(
+        motion=motion,
+        base_poses=partial(fridge_base_poses, out=out, config=config),
+        score=partial(_fridge_score, out=out, config=config),
+    )
 
 
 PICK = PlannedSkill(
@@ -176,19 +223,29 @@ PLACE = PlannedSkill(
 SKILLS = {
     "pick": PICK,
     "place": PLACE,
-    **{
-        f"{verb}_drawer": PlannedSkill(
-            motion=motion, base_poses=drawer_base_poses, score=partial(_drawer_score, out=out)
-        )
-        for verb, motion, out in (("open", open_drawer, True), ("close", close_drawer, False))
-    },
-    **{
-        f"{verb}_fridge": PlannedSkill(
-            motion=motion,
-            base_poses=partial(fridge_base_poses, out=out),
-            score=partial(_fridge_score, out=out),
-        )
-        for verb, motion, out in (("open", open_fridge, True), ("close", close_fridge, False))
-    },
+    "open_drawer": _drawer(open_drawer, drawer_score, True),
+    "close_drawer": _drawer(close_drawer, drawer_score, False),
+    "open_fridge": _fridge(open_fridge, out=True),
+    "close_fridge": _fridge(close_fridge, out=False),
 }
 """Skill -> provider, with ground truth."""
+
+ANY = StandingConfig(enough_score=1)
+"""The first base pose with a solution."""
+
+FRICTION_SKILLS = {
+    "pick": replace(
+        PICK,
+        motion=pick_by_friction,
+        standing=StandingConfig(enough_score=4),
+        score=lambda robot, number, _map: partial(friction_pick_score, robot, number),
+    ),
+    "place": PLACE,
+    "open_drawer": _drawer(open_drawer_by_friction, friction_drawer_score, True, ANY),
+    "close_drawer": _drawer(
+        close_drawer_by_friction, friction_drawer_score, False, ANY, CLOSE_DRAWER
+    ),
+    "open_fridge": _fridge(open_fridge_by_friction, out=True, config=OPEN),
+    "close_fridge": _fridge(push_fridge_closed, out=False, config=CLOSE_ON),
+}
+"""Likewise, with fingers that grasp by friction."""

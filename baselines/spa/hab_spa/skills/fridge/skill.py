@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from hab_plans.motion import GRASP, RELEASE, Command, Failure, Motion
 
-from hab_spa.motion.follow import time_path
+from hab_spa.motion.follow import TimingConfig, time_path
 from hab_spa.motion.moves import draw_out, go, rest, tucked_rad, wait
 from hab_spa.motion.robot import Robot
 from hab_spa.shapes import Array
@@ -110,6 +110,11 @@ class FridgeMotion:
         self._config = config.nearer() if config.near_first else config
         self._open_rad, self._reaches = FRIDGE_OPEN_RAD, False
         self._planned = np.zeros((0, len(robot.scene.arm_qpos)))
+
+    @property
+    def _timing(self) -> TimingConfig | None:
+        """Speed limits where the door is not moved; the robot's if None."""
+        return None
 
     @property
     def _joint(self) -> float:
@@ -222,9 +227,10 @@ class FridgeMotion:
 
     def _tuck(self) -> Motion:
         """Tucks the arm, which needs less room than the resting pose."""
-        robot, config = self._robot, self._config
+        robot, plan, timing = self._robot, self._config.plan, self._timing
         robot.doing, tucked = "fold", tucked_rad(robot.scene.robot)[None]
-        return (yield from go(robot, robot.scene.collision(), tucked, 0.0, plan=config.plan))
+        collision = robot.scene.collision()
+        return (yield from go(robot, collision, tucked, 0.0, plan=plan, timing=timing))
 
     def _choose(self, tries: int) -> SelectedBasePose | None:
         """Evaluates base poses with the arm as it is, and returns the best."""

@@ -12,6 +12,9 @@ from hab_tasks.agent import AgentSpec
 from hab_tasks.errors import EpisodeError, OptionError, UnknownNameError
 from hab_tasks.robots.fetch import FETCH, FETCH_FRICTION
 from hab_tasks.robots.spec import with_grasp
+from hab_tasks.world.scenes.habitat.dataset import resolve_dataset
+from hab_tasks.world.scenes.habitat.load import load_scene
+from hab_tasks.world.scenes.handle_bars import with_bars
 
 
 def test_the_option_selects_the_hand(make):
@@ -60,6 +63,18 @@ def test_agents_are_set_up_for_it():
         setup_of(EvalConfig(agent="x:y", env="HabPick-v1", env_options={"robot": "hab_fetsh"}))
 
 
+@pytest.mark.assets
+def test_handles_without_a_bar_get_one(replica_cad):
+    v3 = "v3_sc0_staging_00"
+    plain, mended = (load_scene(resolve_dataset(name), v3) for name in ("apartment", replica_cad))
+    assert with_bars(plain) == plain
+    bars = {b.link: b for one in with_bars(mended).articulations for b in one.bars}
+    # ReplicaCAD's seven drawers and its fridge; the box of the fridge's door ends at 6.15 cm.
+    assert len(bars) == 8
+    assert bars["top_door"].middle_m == pytest.approx((0.0615 + 0.0385, -0.62, 0.2), abs=1e-3)
+    assert bars["top_door"].length_m == 0.52
+
+
 @slow
 @pytest.mark.parametrize(
     "env", ["HabPick-v1", "HabOpenDrawer-v1", "HabCloseDrawer-v1", "HabOpenFridge-v1"]
@@ -72,3 +87,12 @@ def test_a_planner_picks_and_moves_doors_and_drawers_with_two_fingers(tmp_path, 
     record = read_record(out / "run.json")
     assert record.env_options == {"grasp": "friction"}
     assert sum(episode.success for episode in record.episodes) >= 2
+
+
+@slow
+def test_a_planner_plays_a_task_with_two_fingers(tmp_path):
+    out = tmp_path / "run"
+    command = "run --agent hab_spa:tp_spa_priv --option planner=batched --env HabTidyHouse-v1"
+    options = "--split val --seed 0 --episodes 1 --env-option grasp=friction --workers 1 --out"
+    assert main([*command.split(), *options.split(), str(out)]) == 0
+    assert read_record(out / "run.json").episodes[0].success

@@ -73,7 +73,7 @@ EFFICIENCY = Study(
     "are only drawn; depth frames are too expensive for that on two cores, so an expert teaches.",
     reading="no difference in efficiency shows, against the paper: SCT equals success in nearly "
     "every row, so almost all picks are quicker than the time that SCT allows. Success is 82 to "
-    "85 % with depth and 78 to 80 % blind, and does not depend on the limit. The expert that "
+    "85 % with depth and 78 to 80 % blind, without a trend over the limit. The expert that "
     "taught both moves quickly; whether that is the cause was not tested.",
     arms=tuple(
         _limited(*of, limit_n)

@@ -88,12 +88,10 @@ def close_drawer_by_friction(robot: Robot, number: int) -> Motion:
     return (yield from slide(robot, number, False, CLOSE, _move))
 
 
-def friction_drawer_score(
-    robot: Robot, number: int, base: Array, out: bool, config: PullConfig | None = None
-) -> int:
+def friction_drawer_score(robot: Robot, number: int, base: Array, out: bool) -> int:
     """Returns 1 for a base pose (3,) from which a grasp moves the drawer all the way, else 0."""
     assert isinstance(robot.scene, TrueScene)
-    few = replace(config or PullConfig(), goals=1, tried=15, step_m=0.04)
+    few = replace(PullConfig(), goals=1, tried=15, step_m=0.04)
     drawer = DrawerConfig() if out else CLOSE
     return len(DrawerGrips(robot, robot.scene, number, out, drawer, few, base).find())
 
